@@ -1,0 +1,121 @@
+"""The one interface of every relighting method, and the laws `handbench check` holds it to.
+
+    Method.train(recording, seed)   -> Prior     what all subjects teach (universal methods work here)
+    Prior.personalise(enrolment)    -> Avatar    what one subject's enrolment adds
+    Avatar.relight(query)           -> Prediction
+
+Laws
+    no mutation     a call changes neither its arguments nor a later answer of the same call
+    same seed       training twice with one seed gives the same prior on one machine
+    round trip      load(save(prior)) answers as the prior does
+    linear          if declared: relight(a L1 + b L2) = a relight(L1) + b relight(L2)
+    finite          an answer is finite, or the call raises `NonFinite` or `Unsupported`
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from .scene import Frame, Observation, Prediction, Query
+
+
+class Progress(Protocol):
+    """Told how far a long computation is: `progress(step, total, loss=…)`."""
+
+    def __call__(self, step: int, total: int, **values: float) -> None: ...
+
+
+def silent(step: int, total: int, **values: float) -> None:
+    """A `Progress` that says nothing."""
+
+
+@dataclass(frozen=True)
+class MethodInfo:
+    """What the harness and the reader must know of a method.
+
+    universal   one prior serves every subject (False: `train` only prepares, the work is in `personalise`)
+    linear      the method obeys the linear law
+    truth       the enrolment must hold the scored frames themselves: a calibration row, not a method
+    lights      the kinds of light it can draw: of "directional", "point", "environment"
+    fidelity    how a table must describe it, e.g. "faithful reimplementation, trained here"
+    """
+
+    name: str
+    title: str
+    summary: str
+    universal: bool = False
+    linear: bool = False
+    truth: bool = False
+    lights: frozenset[str] = frozenset({"directional", "environment"})
+    fidelity: str = "reference"
+
+
+class Recording:
+    """The frames a protocol lets a method see, and the way to their images.
+
+    `observe(frame)` reads (and may cache) the images of a frame; the arrays are read-only.
+    """
+
+    def __init__(self, frames: Iterable[Frame], observe: Callable[[Frame], Observation]) -> None:
+        self.frames = tuple(frames)
+        self.observe = observe
+
+    @property
+    def subjects(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(frame.subject for frame in self.frames))
+
+    def where(self, keep: Callable[[Frame], bool]) -> Recording:
+        """The recording of the frames for which `keep(frame)` is true."""
+        return Recording(filter(keep, self.frames), self.observe)
+
+    def of_subject(self, subject: str) -> Recording:
+        return self.where(lambda frame: frame.subject == subject)
+
+    def of_kind(self, *kinds: str) -> Recording:
+        return self.where(lambda frame: frame.kind in kinds)
+
+
+class Avatar(ABC):
+    """One subject, ready to be relit."""
+
+    @abstractmethod
+    def relight(self, query: Query) -> Prediction:
+        """Draw the query; the picture has the camera's size.
+
+        Raises `Unsupported` for a light or pose outside the method's abilities.
+        """
+
+
+class Prior(ABC):
+    """What a method learned from all training subjects."""
+
+    @abstractmethod
+    def personalise(self, enrolment: Recording, seed: int = 0) -> Avatar:
+        """The avatar of the enrolment's one subject. Raises `Unsupported` if the enrolment lacks what it needs."""
+
+    @abstractmethod
+    def save(self, folder: Path) -> None:
+        """Write everything `Method.load` needs into an existing empty folder."""
+
+
+class Method(ABC):
+    """A relighting method with its configuration."""
+
+    info: MethodInfo
+
+    @property
+    @abstractmethod
+    def config(self) -> dict[str, Any]:
+        """Every setting that can change a result, as JSON values."""
+
+    @abstractmethod
+    def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
+        """Learn from the training frames. Budgets are steps, never seconds, so a run repeats."""
+
+    @abstractmethod
+    def load(self, folder: Path) -> Prior:
+        """The prior that `Prior.save` wrote. Raises `InputError` for a folder of another method or version."""
