@@ -1,0 +1,138 @@
+"""Does a posed hand run through itself? Part against part, with signed distances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import torch
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from ..scene import Pose
+from . import subdivision
+from .identity import Identity
+from .model import OpenHand
+
+LEVEL = 1  # of the surface that is tested; coarse vertices alone miss what dips between them
+TOLERANCE = 0.002  # metres: skin that touches is pressed in by about as much
+
+
+@dataclass(frozen=True)
+class Penetration:
+    """depth: deepest vertex inside another part, metres; count: vertices deeper than `TOLERANCE`."""
+
+    depth: float
+    count: int
+
+    @property
+    def free(self) -> bool:
+        return self.count == 0
+
+
+def _parts(hand: OpenHand) -> list[str]:
+    """The rigid part of each joint: forearm, palm (wrist and metacarpals), or a phalanx."""
+    return ["forearm" if n == "forearm" else "palm" if n == "wrist" or n[-1] == "0" else n for n in hand.joint_names]
+
+
+def _adjacent(a: str, b: str) -> bool:
+    """Parts that meet at a joint, where the skin folds rather than collides; knuckles of neighbours share a web."""
+    if a == b or "forearm" in (a, b):
+        return True
+    if "palm" in (a, b):
+        return (b if a == "palm" else a)[-1] == "1"
+    same_finger = a[:-1] == b[:-1]
+    return (same_finger and abs(int(a[-1]) - int(b[-1])) == 1) or (a[-1] == b[-1] == "1")
+
+
+def _cap(faces: NDArray[Any], vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Close a patch: each border loop gets a fan round its mean. Returns the fans' triangles and all vertices."""
+    edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    count = len(vertices)
+    border = edges[~np.isin(edges[:, 1] * count + edges[:, 0], edges[:, 0] * count + edges[:, 1])]
+    graph = sp.coo_array((np.ones(len(border)), (border[:, 0], border[:, 1])), shape=(count, count))
+    _, label = connected_components(graph, directed=False)
+    loops, loop_of = np.unique(label[border[:, 0]], return_inverse=True)
+    centres = np.stack([vertices[border[loop_of == k, 0]].mean(0) for k in range(len(loops))])
+    fan = np.stack([border[:, 1], border[:, 0], count + loop_of], axis=1)
+    return fan, np.concatenate([vertices, centres])
+
+
+def _scene(vertices: NDArray[Any], faces: NDArray[Any]) -> Any:
+    import open3d as o3d
+
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(
+        o3d.core.Tensor.from_numpy(vertices.astype(np.float32)), o3d.core.Tensor.from_numpy(faces.astype(np.uint32))
+    )
+    return scene
+
+
+def _winding(vertices: NDArray[Any], faces: NDArray[Any], points: NDArray[Any], rays: NDArray[Any]) -> NDArray[Any]:
+    """(N,) how often a closed surface encloses each point: the signed count of walls its ray (N, 3) crosses."""
+    import open3d as o3d
+
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    query = o3d.core.Tensor.from_numpy(np.concatenate([points, rays], axis=1).astype(np.float32))
+    hits = _scene(vertices, faces).list_intersections(query, nthreads=1)
+    ray, triangle = hits["ray_ids"].numpy().astype(np.int64), hits["primitive_ids"].numpy().astype(np.int64)
+    crossing = np.sign((normals[triangle] * rays[ray]).sum(1))
+    return np.bincount(ray, weights=crossing, minlength=len(points))
+
+
+def penetration(hand: OpenHand, vertices: NDArray[Any]) -> Penetration:
+    """How deep parts of a posed hand run into each other; vertices (V, 3) of the coarse mesh, metres.
+
+    For each part, all parts that are not its neighbours are cut out of the surface and closed with caps; a vertex
+    collides if these enclose it (winding number), and its depth is the distance to their skin.
+    """
+    import open3d as o3d
+
+    fine = hand.subdivide(torch.tensor(vertices), LEVEL).numpy()
+    faces = subdivision.triangles(hand.quads(LEVEL))
+    a, b, c = (fine[faces[:, k]] for k in range(3))
+    normals = np.zeros_like(fine)
+    for k in range(3):
+        np.add.at(normals, faces[:, k], np.cross(b - a, c - a))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    lifted = fine + 1e-4 * normals  # off its own skin, so that a free vertex is outside
+    inside = _winding(fine, faces, lifted, normals) > 0.5
+
+    parts = _parts(hand)
+    part_of = np.array([parts[j] for j in hand.weights(LEVEL).argmax(1)])
+    face_part = part_of[faces[:, 0]]
+    depths = np.zeros(len(fine))
+    for part in np.unique(part_of[inside]):
+        far = [other for other in parts if not _adjacent(part, other)]
+        own = np.flatnonzero(inside & (part_of == part))
+        if not far:
+            continue
+        skin = faces[np.isin(face_part, far)]
+        fan, closed = _cap(skin, fine)
+        own = own[_winding(closed, np.concatenate([skin, fan]), lifted[own], normals[own]) > 0.5]
+        if len(own):
+            points = o3d.core.Tensor.from_numpy(lifted[own].astype(np.float32))
+            depths[own] = _scene(fine, skin).compute_distance(points, nthreads=1).numpy()
+    return Penetration(float(depths.max()), int((depths > TOLERANCE).sum()))
+
+
+def relaxed(hand: OpenHand, identity: Identity, pose: Pose, steps: int = 5) -> Pose:
+    """The pose, or if it intersects, the strongest fraction of it (found by bisection) that does not.
+
+    Fractions move the joints towards the rest pose, which is free of intersection; the placement stays.
+    """
+
+    def free(amount: float) -> bool:
+        posed = hand.skin(identity, amount * pose.joints, dtype=torch.float64)
+        return penetration(hand, posed.numpy()).free
+
+    if free(1.0):
+        return pose
+    low, high = 0.0, 1.0
+    for _ in range(steps):
+        middle = (low + high) / 2
+        low, high = (middle, high) if free(middle) else (low, middle)
+    return Pose(low * pose.joints, pose.rotation, pose.translation)

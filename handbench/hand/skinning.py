@@ -1,0 +1,82 @@
+"""Blend shapes, bone proportions and linear blend skinning as differentiable torch functions."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def rotation_matrix(axis_angle: Tensor) -> Tensor:
+    """Rodrigues' formula: (..., 3) radians to (..., 3, 3), smooth at zero."""
+    squared = (axis_angle**2).sum(-1)
+    small = squared < 1e-8
+    safe = torch.where(small, torch.ones_like(squared), squared)
+    angle = safe.sqrt()
+    sinc = torch.where(small, 1 - squared / 6, angle.sin() / angle)
+    cosc = torch.where(small, 0.5 - squared / 24, (1 - angle.cos()) / safe)
+    x, y, z = axis_angle.unbind(-1)
+    zero = torch.zeros_like(x)
+    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).unflatten(-1, (3, 3))
+    eye = torch.eye(3, dtype=axis_angle.dtype, device=axis_angle.device)
+    return eye + sinc[..., None, None] * cross + cosc[..., None, None] * (cross @ cross)
+
+
+def proportion(
+    vertices: Tensor,
+    points: Tensor,
+    ends: Tensor,
+    parents: tuple[int, ...],
+    weights: Tensor,
+    length: Tensor,
+    width: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """Stretch each bone by length (J,) along and width (J,) across itself; what hangs on it moves along.
+
+    vertices (V, 3), points (J + E, 3) joints and tips, ends (J,) the point that ends each bone, weights (V, J).
+    Returns the changed vertices and points, with joint 1 (the wrist) kept where it was.
+    """
+    joints = len(parents)
+    heads = points[:joints]
+    axis = torch.nn.functional.normalize(points[ends] - heads, dim=-1)
+    along = axis[:, :, None] * axis[:, None, :]
+    eye = torch.eye(3, dtype=vertices.dtype, device=vertices.device)
+    stretch = width[:, None, None] * eye + (length - width)[:, None, None] * along
+    moved: list[Tensor] = []
+    for j, parent in enumerate(parents):
+        if parent < 0:
+            moved.append(heads[j])
+        else:
+            moved.append(moved[parent] + stretch[parent] @ (heads[j] - heads[parent]))
+    new_heads = torch.stack(moved)
+    tips = [new_heads[j] + stretch[j] @ (points[ends[j]] - heads[j]) for j in range(joints) if ends[j] >= joints]
+    offset = new_heads - torch.einsum("jab,jb->ja", stretch, heads)
+    blended = torch.einsum("vj,jab,vb->va", weights, stretch, vertices) + weights @ offset
+    new_points = torch.cat([new_heads, torch.stack(tips)])
+    return blended - new_heads[1], new_points - new_heads[1]
+
+
+def linear_blend(
+    vertices: Tensor,
+    heads: Tensor,
+    parents: tuple[int, ...],
+    weights: Tensor,
+    frames: Tensor,
+    joint_rotations: Tensor,
+    rotation: Tensor,
+    translation: Tensor,
+) -> Tensor:
+    """Pose vertices (V, 3) with joints at heads (J, 3) by axis-angles (J, 3) in the joints' frames (J, 3, 3)."""
+    local = frames @ rotation_matrix(joint_rotations) @ frames.transpose(-1, -2)
+    rotations: list[Tensor] = []
+    positions: list[Tensor] = []
+    for j, parent in enumerate(parents):
+        if parent < 0:
+            rotations.append(local[j])
+            positions.append(heads[j])
+        else:
+            rotations.append(rotations[parent] @ local[j])
+            positions.append(positions[parent] + rotations[parent] @ (heads[j] - heads[parent]))
+    turn = torch.stack(rotations)
+    offset = torch.stack(positions) - torch.einsum("jab,jb->ja", turn, heads)
+    posed = torch.einsum("vj,jab,vb->va", weights, turn, vertices) + weights @ offset
+    return posed @ rotation_matrix(rotation).T + translation
