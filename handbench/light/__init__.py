@@ -1,0 +1,1 @@
+"""Environment maps and light-stage layouts."""

@@ -1,0 +1,117 @@
+"""Environment maps: equirectangular radiance (H, W, 3), exact in solid angle and power.
+
+Texel (i, j) spans polar angles theta in [i, i+1] pi/H from +y and azimuths phi in [j, j+1] 2 pi/W; its centre
+looks to (sin theta sin phi, cos theta, -sin theta cos phi). So the left border looks to -z, the first quarter
+to +x, the middle to +z and the third quarter to -x: the picture is seen from inside, not mirrored.
+Radiance is constant within a texel.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..data.exr import read_exr, stack
+from ..errors import InputError
+from ..scene import Array, Environment
+
+
+def directions(height: int, width: int) -> Array:
+    """Unit directions to the centres of the texels, (H, W, 3) float64."""
+    theta = (np.arange(height)[:, None] + 0.5) * (np.pi / height)
+    phi = (np.arange(width) + 0.5) * (2.0 * np.pi / width)
+    up = np.broadcast_to(np.cos(theta), (height, width))
+    return np.stack([np.sin(theta) * np.sin(phi), up, -np.sin(theta) * np.cos(phi)], axis=-1)
+
+
+def solid_angles(height: int, width: int) -> Array:
+    """Solid angles of the texels, (H, W) float64 steradians; their sum is 4 pi."""
+    bands = -np.diff(np.cos(np.linspace(0.0, np.pi, height + 1)))
+    return np.repeat(bands[:, None], width, axis=1) * (2.0 * np.pi / width)
+
+
+def resize(environment: Environment, height: int, width: int) -> Environment:
+    """The map at another size: each texel is the mean radiance over its solid angle, so power is kept."""
+    old_height, old_width = environment.radiance.shape[:2]
+    if (old_height, old_width) == (height, width):
+        return environment
+    rows = _overlaps(*(-np.cos(np.linspace(0.0, np.pi, n + 1)) for n in (height, old_height)))
+    columns = _overlaps(*(np.linspace(0.0, 1.0, n + 1) for n in (width, old_width)))
+    radiance = environment.radiance.astype(np.float64)
+    return Environment(environment.name, np.einsum("iy,jx,yxc->ijc", rows, columns, radiance, optimize=True))
+
+
+def _overlaps(new: Array, old: Array) -> Array:
+    """The share of each old interval in each new one, (new, old); intervals between increasing edges."""
+    low = np.maximum(new[:-1, None], old[None, :-1])
+    high = np.minimum(new[1:, None], old[None, 1:])
+    return np.maximum(high - low, 0.0) / np.diff(new)[:, None]
+
+
+def rotate(environment: Environment, angle: float) -> Environment:
+    """The environment turned by `angle` radians about +y (right-handed: +z goes to +x at a quarter turn).
+
+    Texels are shared between two columns where the turn is no whole number of columns; power is kept.
+    """
+    width = environment.radiance.shape[1]
+    shift = -angle / (2.0 * np.pi) * width  # azimuth here falls under a right-handed turn
+    whole = int(np.floor(shift))
+    part = shift - whole
+    radiance = environment.radiance.astype(np.float64)
+    turned = (1.0 - part) * np.roll(radiance, whole, axis=1) + part * np.roll(radiance, whole + 1, axis=1)
+    return Environment(environment.name, turned)
+
+
+def to_directional(environment: Environment, height: int = 16, width: int = 32) -> tuple[Array, Array]:
+    """The map as distant lights: unit directions (N, 3) and irradiance (N, 3) float64, dark texels left out.
+
+    Each texel of the reduced map is a light at its centre whose irradiance is radiance times solid angle.
+    """
+    small = resize(environment, height, width)
+    irradiance = (small.radiance.astype(np.float64) * solid_angles(height, width)[..., None]).reshape(-1, 3)
+    lit = irradiance.any(axis=1)
+    return directions(height, width).reshape(-1, 3)[lit], irradiance[lit]
+
+
+def read(path: Path) -> Environment:
+    """An equirectangular .exr or .hdr file as an environment named after the file.
+
+    Raises `InputError` for a file that is missing, damaged, of another kind or holds NaN or negative radiance.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"environment map {path} does not exist; check its path")
+    suffix = path.suffix.lower()
+    if suffix == ".exr":
+        radiance = _read_exr(path)
+    elif suffix in (".hdr", ".rgbe"):
+        radiance = _read_hdr(path)
+    else:
+        raise InputError(f"environment map {path} is neither .exr nor .hdr; convert it to one of them")
+    height, width = radiance.shape[:2]
+    if width != 2 * height:
+        raise InputError(
+            f"environment map {path} is {width}x{height}; an equirectangular map is twice as wide as high, convert it"
+        )
+    return Environment(path.stem, radiance)
+
+
+def _read_exr(path: Path) -> Array:
+    try:
+        channels = read_exr(path)
+    except InputError as error:
+        raise InputError(f"environment map {path} cannot be read: {error}") from error
+    return stack(channels, ("R", "G", "B"), path)
+
+
+def _read_hdr(path: Path) -> Array:
+    from mitsuba import Bitmap
+
+    try:
+        radiance = np.array(Bitmap(str(path)), dtype=np.float32)
+    except RuntimeError as error:
+        raise InputError(f"environment map {path} is damaged or no Radiance file ({error}); get it again") from error
+    if radiance.ndim != 3 or radiance.shape[2] != 3:
+        raise InputError(f"environment map {path} has shape {radiance.shape}, expected three colour channels")
+    return radiance

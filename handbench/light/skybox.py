@@ -1,0 +1,127 @@
+"""Ten real HDR environments that the installed open3d package carries as cube maps."""
+
+from __future__ import annotations
+
+import importlib.util
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError, unknown_name
+from ..scene import Array, Environment
+from .environment import directions, resize, solid_angles
+
+SKYBOXES = (
+    "brightday",
+    "crossroads",
+    "default",
+    "hall",
+    "konzerthaus",
+    "nightlights",
+    "park",
+    "park2",
+    "pillars",
+    "streetlamp",
+)
+
+_MAGIC = b"\xabKTX 11\xbb\r\n\x1a\n"
+_R11F_G11F_B10F = 0x8C3A
+
+_SUPERSAMPLE = 4
+
+
+def skybox(name: str, height: int, width: int) -> Environment:
+    """The named skybox (one of `SKYBOXES`) as an equirectangular map of height x width.
+
+    Raises `InputError` for an unknown name or a file that is missing or damaged.
+    """
+    if name not in SKYBOXES:
+        raise unknown_name("skybox", name, SKYBOXES)
+    package = importlib.util.find_spec("open3d")
+    if package is None or package.origin is None:
+        raise InputError("the skyboxes come with the open3d package, which is not installed; install it")
+    faces = read_ktx_cube(Path(package.origin).parent / "resources" / f"{name}_skybox.ktx")
+    return Environment(name, equirectangular(faces, height, width))
+
+
+def read_ktx_cube(path: Path) -> Array:
+    """The six faces (6, n, n, 3) float32 of a KTX 1 cube map in R11F_G11F_B10F, order +x -x +y -y +z -z.
+
+    Only the first mip level is read. Raises `InputError` for any other or a damaged file.
+    """
+    if not path.is_file():
+        raise InputError(f"cube map {path} does not exist; reinstall the package it belongs to")
+    data = path.read_bytes()
+    if len(data) < 68 or data[:12] != _MAGIC or data[12:16] != b"\x01\x02\x03\x04":
+        raise InputError(f"cube map {path} is no little-endian KTX 1 file; reinstall the package it belongs to")
+    # the files put the internal format into glType and glFormat too, so only this one field tells
+    internal, _, width, height, _, _, faces, _, extra = struct.unpack_from("<9I", data, 28)
+    if (internal, faces, width) != (_R11F_G11F_B10F, 6, height):
+        raise InputError(
+            f"cube map {path} is {faces} faces of {width}x{height} in format 0x{internal:x}, "
+            f"expected 6 square faces in R11F_G11F_B10F (0x{_R11F_G11F_B10F:x})"
+        )
+    start = 64 + extra + 4  # header, key-value pairs, size of one face
+    end = start + 6 * 4 * width * width
+    if len(data) < end:
+        raise InputError(f"cube map {path} ends after {len(data)} of {end} bytes; reinstall the package it belongs to")
+    return unpack_11_11_10(np.frombuffer(data[start:end], dtype="<u4")).reshape(6, width, width, 3)
+
+
+def unpack_11_11_10(packed: Array) -> Array:
+    """Unsigned floats of 11, 11 and 10 bits in uint32 (...) as float32 (..., 3); red is in the lowest bits.
+
+    They are float16 without a sign and with the low bits of the mantissa cut off.
+    """
+    halves = np.stack([(packed & 0x7FF) << 4, (packed >> 11 & 0x7FF) << 4, (packed >> 22) << 5], axis=-1)
+    return halves.astype(np.uint16).view(np.float16).astype(np.float32)
+
+
+def equirectangular(faces: Array, height: int, width: int) -> Array:
+    """Cube faces (6, n, n, 3) as an equirectangular map (height, width, 3) float32.
+
+    Radiance up to a bound is looked up on a finer grid and averaged. The excess of the few texels above it
+    (suns, lamps: too small for a grid to weigh) is moved over as power, so that their light arrives whole.
+    """
+    n = faces.shape[1]
+    bound = np.quantile(faces, 0.999)
+    finer = max(1, -(-_SUPERSAMPLE * n // height))  # the grid has at least two samples across a cube texel
+    face, row, column = _locate(directions(finer * height, finer * width), n)
+    bulk = Environment("", np.minimum(faces, bound)[face, row, column])
+    radiance = resize(bulk, height, width).radiance.astype(np.float64)
+    face, row, column = np.nonzero((faces > bound).any(axis=-1))
+    part = (np.arange(_SUPERSAMPLE) + 0.5) / _SUPERSAMPLE
+    s, t = (2.0 * (where[:, None, None] + offset) / n - 1.0 for where, offset in ((column, part), (row, part[:, None])))
+    s, t = np.broadcast_arrays(s, t)
+    direction = _direction(face[:, None, None], s, t)
+    solid = (2.0 / n / _SUPERSAMPLE) ** 2 * (1.0 + s * s + t * t) ** -1.5
+    power = np.maximum(faces[face, row, column].astype(np.float64) - bound, 0.0)[:, None, None] * solid[..., None]
+    i = np.clip(np.arccos(np.clip(direction[..., 1], -1, 1)) / np.pi * height, 0, height - 1).astype(int)
+    j = (np.arctan2(direction[..., 0], -direction[..., 2]) / (2 * np.pi) * width).astype(int) % width
+    np.add.at(radiance, (i, j), power / solid_angles(height, width)[i, j][..., None])
+    return radiance.astype(np.float32)
+
+
+def _direction(face: Array, s: Array, t: Array) -> Array:
+    """Unit directions to points (s right, t down, both in [-1, 1]) of cube faces, OpenGL's table.
+
+    OpenGL's faces are left-handed, and Filament's tools, which made these files, store mirrored pictures to
+    suit: read into a right-handed world they come out unmirrored (the Bund in "nightlights" shows it).
+    """
+    one = np.ones_like(s)
+    table = ((one, -t, -s), (-one, -t, s), (s, one, t), (s, -one, -t), (s, -t, one), (-s, -t, -one))
+    towards = np.choose(face[..., None], [np.stack(axes, axis=-1) for axes in table])
+    return towards / np.linalg.norm(towards, axis=-1, keepdims=True)
+
+
+def _locate(direction: Array, n: int) -> tuple[Array, Array, Array]:
+    """The face, row and column of the cube texels (n x n a face) that directions (..., 3) point into."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    axis = np.abs(direction).argmax(axis=-1)
+    largest = np.take_along_axis(direction, axis[..., None], axis=-1)[..., 0]
+    face = 2 * axis + (largest < 0)
+    s = np.choose(face, (-z, z, x, x, x, -x)) / np.abs(largest)
+    t = np.choose(face, (-y, -y, z, -z, -y, -y)) / np.abs(largest)
+    row, column = (np.clip((value + 1.0) * (n / 2), 0, n - 1).astype(int) for value in (t, s))
+    return face, row, column

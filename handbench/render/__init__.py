@@ -1,0 +1,1 @@
+"""Rays, UV atlas, reflectance, shading, camera rasterisation, the path-traced reference."""

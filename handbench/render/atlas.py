@@ -1,0 +1,112 @@
+"""The UV atlas: which point of the surface a texel shows.
+
+Texture maps are (..., C, R, R), row 0 = top: texel (i, j) is centred at u = (j + 1/2)/R, v = 1 - (i + 1/2)/R.
+A texel is covered if its centre lies in a UV triangle; flat maps (..., C, N) hold the covered texels only,
+row by row.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property, lru_cache
+
+import numpy as np
+import torch
+from scipy.ndimage import distance_transform_edt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from torch import Tensor
+
+from ..errors import InputError
+from ..scene import Array, Topology
+from .rays import RayScene
+
+
+class Atlas:
+    """Where the R x R texels of a texture lie on a mesh of a given topology.
+
+    covered (R, R) bool; texels (N,) flat indices of the covered ones; face (N,), barycentric (N, 3) float64,
+    chart (N,) the island of each covered texel.
+    """
+
+    def __init__(self, topology: Topology, size: int) -> None:
+        if size < 1:
+            raise InputError(f"texture size {size} must be at least 1")
+        self.topology = topology
+        self.size = size
+        centre = (np.arange(size) + 0.5) / size
+        points = np.stack([*np.meshgrid(centre, 1.0 - centre), np.ones((size, size))], axis=-1).reshape(-1, 3)
+        flat = np.concatenate([topology.uvs, np.zeros((len(topology.uvs), 1))], axis=1)
+        hits = RayScene(flat, topology.uv_faces).cast(points, np.array([[0.0, 0.0, -1.0]]))
+        self.covered: Array = hits.hit.reshape(size, size)
+        self.texels: Array = np.flatnonzero(hits.hit)
+        self.face: Array = hits.face[hits.hit]
+        self.barycentric: Array = hits.barycentric[hits.hit].astype(np.float64)
+        if len(self.texels) == 0:
+            raise InputError(f"no texel of a {size}x{size} texture is covered by the UVs; check the mesh's UVs")
+
+    @staticmethod
+    def of(topology: Topology, size: int) -> Atlas:
+        """The atlas of a topology and size; the last few are kept."""
+        return _atlas_of(topology, size)
+
+    @property
+    def count(self) -> int:
+        """Number N of covered texels."""
+        return len(self.texels)
+
+    @cached_property
+    def chart(self) -> Array:
+        """The island of each covered texel, (N,) int."""
+        faces = self.topology.uv_faces
+        edges = np.concatenate([faces[:, :2], faces[:, 1:]])
+        count = len(self.topology.uvs)
+        graph = coo_array((np.ones(len(edges), dtype=bool), (edges[:, 0], edges[:, 1])), shape=(count, count))
+        return connected_components(graph, directed=False)[1][faces[self.face, 0]]
+
+    @cached_property
+    def _index(self) -> Tensor:
+        return torch.from_numpy(self.texels)
+
+    @cached_property
+    def _nearest(self) -> tuple[Tensor, Tensor]:
+        """The nearest covered texel (R*R,) of each texel and the distance to it in texels (R*R,)."""
+        distance, (row, column) = distance_transform_edt(~self.covered, return_indices=True)
+        return torch.from_numpy((row * self.size + column).ravel().astype(np.int64)), torch.from_numpy(distance.ravel())
+
+    def interpolate(self, attribute: Array) -> Array:
+        """A vertex attribute (V, C) at the covered texels, (N, C)."""
+        corners = attribute[self.topology.faces[self.face]]
+        return np.einsum("nk,nkc->nc", self.barycentric, corners)
+
+    def to_texture(self, attribute: Tensor | Array) -> Tensor:
+        """A vertex attribute (V, C) as a texture (C, R, R), zero where not covered; differentiable."""
+        values = attribute if isinstance(attribute, Tensor) else torch.tensor(attribute)
+        corners = values[torch.from_numpy(self.topology.faces[self.face].astype(np.int64))]
+        weights = torch.from_numpy(self.barycentric).to(values.dtype)
+        return self.scatter((corners * weights[..., None]).sum(dim=1).T)
+
+    def gather(self, texture: Tensor) -> Tensor:
+        """The covered texels (..., N) of maps (..., R, R); differentiable."""
+        return texture.flatten(-2).index_select(-1, self._index)
+
+    def scatter(self, values: Tensor) -> Tensor:
+        """Maps (..., R, R) of values (..., N) at the covered texels, zero elsewhere; differentiable."""
+        blank = values.new_zeros(*values.shape[:-1], self.size * self.size)
+        return blank.index_copy(-1, self._index, values).unflatten(-1, (self.size, self.size))
+
+    def dilate(self, texture: Tensor, texels: int | None = None) -> Tensor:
+        """Maps (..., R, R) with each uncovered texel set to its nearest covered one; differentiable.
+
+        So a bilinear lookup at the border of a chart mixes no background in. `texels` limits the reach
+        (texels farther away become zero); None fills everything.
+        """
+        nearest, distance = self._nearest
+        filled = texture.flatten(-2).index_select(-1, nearest)
+        if texels is not None:
+            filled = filled * (distance <= texels)
+        return filled.unflatten(-1, (self.size, self.size))
+
+
+@lru_cache(maxsize=16)
+def _atlas_of(topology: Topology, size: int) -> Atlas:
+    return Atlas(topology, size)

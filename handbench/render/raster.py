@@ -1,0 +1,156 @@
+"""What a camera sees of a mesh: supersampled coverage, and texture lookup as one sparse matrix."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.sparse import csr_array
+from torch import Tensor
+
+from ..errors import InputError
+from ..scene import Array, Camera, Mesh
+from .rays import RayScene
+from .surface import mesh_normals
+
+
+class Raster:
+    """The covered subsamples of an image, S in number.
+
+    pixel (S,) flat index row * width + column; face (S,); barycentric (S, 3) float32; depth (S,) float32,
+    metres along the camera's z. `uv` and `normal` are worked out when asked for, as rasters are kept by the hundred.
+    Images drawn from it are premultiplied by coverage over black.
+    """
+
+    def __init__(self, mesh: Mesh, camera: Camera, supersample: int) -> None:
+        self.mesh, self.camera, self.supersample = mesh, camera, supersample
+        pixel, rays = _subsamples(mesh, camera, supersample)
+        hits = RayScene.of(mesh).cast(camera.centre[None], rays)
+        self.pixel: Array = pixel[hits.hit]
+        self.face: Array = hits.face[hits.hit]
+        self.barycentric: Array = hits.barycentric[hits.hit]
+        self.depth: Array = hits.distance[hits.hit]  # the rays have length 1 along z
+        self._lookups: dict[int, _Lookup] = {}
+
+    @property
+    def uv(self) -> Array:
+        """UVs (S, 2) float64, origin bottom-left."""
+        topology = self.mesh.topology
+        return self._at_samples(topology.uvs[topology.uv_faces[self.face]])
+
+    @property
+    def normal(self) -> Array:
+        """Smooth unit normals (S, 3) float64 in the world."""
+        normal = self._at_samples(mesh_normals(self.mesh)[self.mesh.topology.faces[self.face]])
+        return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+
+    def _at_samples(self, corners: Array) -> Array:
+        a, b, c = self.barycentric.T[..., None]
+        return a * corners[:, 0] + b * corners[:, 1] + c * corners[:, 2]  # einsum is three times slower here
+
+    @property
+    def alpha(self) -> Array:
+        """Coverage of the pixels, (H, W) float32 in [0, 1]."""
+        count = np.bincount(self.pixel, minlength=self.camera.height * self.camera.width)
+        return (count / self.supersample**2).astype(np.float32).reshape(self.camera.height, self.camera.width)
+
+    def mean(self, values: Array) -> Array:
+        """The premultiplied image (H, W, C) float32 of values (S, C) at the subsamples."""
+        pixels = self.camera.height * self.camera.width
+        sums = [np.bincount(self.pixel, column, minlength=pixels) for column in values.T]
+        image = np.stack(sums, axis=-1) / self.supersample**2
+        return image.astype(np.float32).reshape(self.camera.height, self.camera.width, -1)
+
+    def attribute(self, attribute: Array) -> Array:
+        """The premultiplied image (H, W, C) of a vertex attribute (V, C)."""
+        return self.mean(self._at_samples(attribute[self.mesh.topology.faces[self.face]]))
+
+    def sample(self, texture: Tensor) -> Tensor:
+        """The premultiplied image (C, H, W) of a square texture (C, R, R), bilinear; differentiable in the texture.
+
+        Lookups near the border of a chart touch texels outside it: dilate the texture first (`Atlas.dilate`).
+        """
+        if texture.ndim != 3 or texture.shape[1] != texture.shape[2]:
+            raise InputError(f"texture has shape {tuple(texture.shape)}, expected (C, R, R)")
+        size = texture.shape[1]
+        if size not in self._lookups:
+            self._lookups[size] = self._lookup(size)
+        image = _Gather.apply(texture.flatten(1), self._lookups[size])
+        return image.unflatten(1, (self.camera.height, self.camera.width))
+
+    def _lookup(self, size: int) -> _Lookup:
+        """The sparse matrix from texels to seen pixels."""
+        u, v = self.uv.T
+        x, y = u * size - 0.5, (1.0 - v) * size - 0.5
+        left, top = np.floor(x), np.floor(y)
+        right_share, bottom_share = x - left, y - top
+        weights, texels = [], []
+        for down, weight_y in ((0, 1.0 - bottom_share), (1, bottom_share)):
+            for right, weight_x in ((0, 1.0 - right_share), (1, right_share)):
+                row = np.clip(top + down, 0, size - 1).astype(np.int32)
+                column = np.clip(left + right, 0, size - 1).astype(np.int32)
+                texels.append(row * size + column)
+                weights.append(weight_y * weight_x)
+        covered = np.bincount(self.pixel, minlength=self.camera.height * self.camera.width) > 0
+        pixels, row = np.flatnonzero(covered), (np.cumsum(covered, dtype=np.int32) - 1)[self.pixel]
+        data = np.concatenate(weights) / self.supersample**2
+        shape = (len(pixels), size * size)
+        matrix = csr_array((data.astype(np.float32), (np.tile(row, 4), np.concatenate(texels))), shape=shape)
+        return _Lookup(matrix, torch.from_numpy(pixels), self.camera.height * self.camera.width)
+
+
+class _Lookup:
+    """A sparse matrix (P, R*R) from texels to the P pixels that see the mesh, and its transpose."""
+
+    def __init__(self, matrix: csr_array, pixels: Tensor, count: int) -> None:
+        self.forward, self.backward = matrix, matrix.T.tocsr()
+        self.pixels, self.count = pixels, count
+
+
+class _Gather(torch.autograd.Function):
+    """texture (C, R*R) -> image (C, H*W) by a sparse matrix; the gradient goes through its transpose."""
+
+    @staticmethod
+    def forward(ctx: Any, texture: Tensor, lookup: _Lookup) -> Tensor:
+        ctx.lookup = lookup
+        seen = torch.from_numpy(lookup.forward @ np.ascontiguousarray(texture.detach().numpy().T))
+        image = texture.new_zeros(texture.shape[0], lookup.count)
+        return image.index_copy_(1, lookup.pixels, seen.T.to(texture.dtype))
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
+        seen = gradient.index_select(1, ctx.lookup.pixels).T.contiguous().numpy()
+        return torch.from_numpy(np.ascontiguousarray((ctx.lookup.backward @ seen).T)).to(gradient.dtype), None
+
+
+def rasterise(mesh: Mesh, camera: Camera, supersample: int = 3) -> Raster:
+    """The mesh through the camera, supersample^2 rays a pixel on a regular grid.
+
+    Only pixels in the mesh's projected box get rays. Raises `InputError` for a supersample below 1.
+    """
+    if supersample < 1:
+        raise InputError(f"supersample {supersample} must be at least 1")
+    return Raster(mesh, camera, supersample)
+
+
+def _subsamples(mesh: Mesh, camera: Camera, supersample: int) -> tuple[Array, Array]:
+    """Pixel (M,) and ray (M, 3) in the world, of length 1 along z, of the subsamples in the mesh's box."""
+    rotation, translation = camera.world_to_camera[:, :3], camera.world_to_camera[:, 3]
+    points = mesh.vertices @ rotation.T + translation
+    size = np.array([camera.width, camera.height])
+    if (points[:, 2] > 1e-6).all():
+        projected = points @ camera.K.T
+        projected = projected[:, :2] / projected[:, 2:]
+        low, high = np.floor(projected.min(axis=0)), np.ceil(projected.max(axis=0))
+    else:  # part of the mesh is beside or behind the camera: its projection has no box
+        low, high = np.zeros(2), size
+    (left, top), (right, bottom) = (np.clip(edge, 0, size).astype(int) for edge in (low, high))
+    offset = (np.arange(supersample) + 0.5) / supersample
+    columns = (np.arange(left, right)[:, None] + offset).ravel()
+    rows = (np.arange(top, bottom)[:, None] + offset).ravel()
+    # a ray is linear in column and row, so the grid is a sum of two small tables
+    across, along, middle = np.linalg.inv(camera.K).T @ rotation
+    rays = (rows[:, None] * along + middle).astype(np.float32)[:, None] + (columns[:, None] * across).astype(np.float32)
+    pixel = rows.astype(np.int32)[:, None] * camera.width + columns.astype(np.int32)
+    return pixel.ravel(), rays.reshape(-1, 3)

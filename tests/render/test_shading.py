@@ -1,0 +1,154 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from handbench.light.lightset import LightSet
+from handbench.render import shading
+from handbench.render.brdf import specular
+from handbench.render.reference import shading_features
+from handbench.render.shading import light_features
+
+CENTRE = np.array([0.1, 0.2, 2.0])
+NONE = np.zeros((0, 3))
+
+
+def texels(count: int, seed: int = 0, dtype: torch.dtype = torch.float64):
+    generator = torch.Generator().manual_seed(seed)
+    normal = torch.nn.functional.normalize(torch.randn(3, count, generator=generator, dtype=dtype), dim=0)
+    position = 0.1 * torch.randn(3, count, generator=generator, dtype=dtype)
+    roughness = 0.1 + 0.9 * torch.rand(count, generator=generator, dtype=dtype)
+    return normal, position, roughness
+
+
+def distant(count: int, seed: int = 0) -> LightSet:
+    random = np.random.default_rng(seed)
+    towards = random.normal(size=(count, 3))
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    return LightSet(towards, random.random((count, 3)), NONE, NONE)
+
+
+def views(position: torch.Tensor) -> np.ndarray:
+    view = CENTRE - position.numpy().T
+    return view / np.linalg.norm(view, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(("dtype", "rtol"), [(torch.float64, 1e-10), (torch.float32, 2e-4)])
+def test_features_are_the_reference(dtype: torch.dtype, rtol: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shading, "_PAIRS", 1000)  # many tiles, the last ones partial
+    monkeypatch.setattr(shading, "_LIGHTS", 7)
+    normal, position, roughness = texels(333, dtype=torch.float64)
+    lights = distant(23)
+    seen = np.random.default_rng(1).random((23, 333)) < 0.7
+    expected = shading_features(
+        normal.numpy().T, views(position), roughness.numpy(), lights.directions, lights.irradiance, seen
+    )
+    features = light_features(normal.to(dtype), position.to(dtype), roughness.to(dtype), CENTRE, lights, seen)
+    for ours, theirs in zip(features, expected, strict=True):
+        assert ours.dtype == dtype
+        assert np.allclose(ours.numpy(), theirs.T, rtol=rtol, atol=rtol * theirs.max())
+
+
+def test_features_are_linear_in_the_lights() -> None:
+    maps, lights = texels(50), distant(9)
+    towards = np.concatenate([lights.directions] * 2)
+    power = np.concatenate([2 * lights.irradiance, 0.5 * lights.irradiance])
+    stacked = LightSet(towards, power, NONE, NONE)
+    for model in ("brdf", "phong", "diffuse"):
+        once, twice = (light_features(*maps, CENTRE, some, model=model) for some in (lights, stacked))
+        for a, b in zip(once, twice, strict=True):
+            assert torch.allclose(2.5 * a, b, rtol=1e-10)
+
+
+def test_dark_lights_and_tiles_do_not_change_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    maps, lights = texels(100), distant(40)
+    power = lights.irradiance.copy()
+    power[::3] = 0
+    seen = np.random.default_rng(1).random((40, 100)) < 0.7
+    skipped = light_features(*maps, CENTRE, LightSet(lights.directions, power, NONE, NONE), seen)
+    kept = torch.tensor(power, requires_grad=True)  # a light that needs a gradient is never skipped
+    monkeypatch.setattr(shading, "_KEEP", 10)  # and tiles are recomputed in the backward pass
+    whole = light_features(*maps, CENTRE, LightSet(lights.directions, kept, NONE, NONE), seen)
+    for a, b in zip(skipped, whole, strict=True):
+        assert torch.allclose(a, b, rtol=1e-12)
+    (gradient,) = torch.autograd.grad(whole[0].sum(), kept)
+    cosines = np.maximum(lights.directions @ maps[0].numpy(), 0) * seen
+    assert np.allclose(gradient.numpy(), cosines.sum(axis=1, keepdims=True), rtol=1e-10)
+
+
+def test_near_lights_far_away_are_distant_ones() -> None:
+    maps, lights = texels(60), distant(5)
+    far = 1e5
+    near = LightSet(NONE, NONE, lights.directions * far, lights.irradiance * far**2)
+    for model in ("brdf", "phong", "diffuse"):
+        for a, b in zip(*(light_features(*maps, CENTRE, some, model=model) for some in (lights, near)), strict=True):
+            assert torch.allclose(a, b, rtol=1e-4, atol=1e-5 * float(a.max()))
+
+
+def test_a_near_light_falls_off_with_the_square() -> None:
+    normal = torch.tensor([[0.0], [1.0], [0.0]])
+    lamp = lambda height: LightSet(NONE, NONE, np.array([[0.0, height, 0.0]]), np.full((1, 3), 8.0))  # noqa: E731
+    for height in (0.5, 2.0):
+        diffuse, _ = light_features(normal, torch.zeros(3, 1), torch.ones(1), CENTRE, lamp(height))
+        assert torch.allclose(diffuse, torch.tensor(8.0 / height**2))
+
+
+def test_visibility_rows_are_distant_then_near() -> None:
+    normal, position = torch.tensor([[0.0], [1.0], [0.0]]), torch.zeros(3, 1)
+    both = LightSet(
+        np.array([[0.0, 1.0, 0.0]]), np.array([[1.0, 0, 0]]), np.array([[0.0, 1.0, 0.0]]), np.array([[0, 1.0, 0]])
+    )
+    for row, expected in enumerate(([1.0, 0, 0], [0, 1.0, 0])):
+        seen = np.arange(2)[:, None] == row
+        diffuse, _ = light_features(normal, position, torch.ones(1), CENTRE, both, seen)
+        assert diffuse[:, 0].tolist() == expected
+
+
+def test_specular_feature_is_the_elementwise_brdf() -> None:
+    normal, position, roughness = texels(40)
+    lights = distant(1)
+    _, ours = light_features(normal, position, roughness, CENTRE, lights)
+    towards = torch.tensor(lights.directions[0])
+    lobe = specular(normal.T, torch.tensor(views(position)), towards, roughness)
+    expected = lobe * (towards @ normal).clamp_min(0) * torch.tensor(lights.irradiance[0])[:, None]
+    assert torch.allclose(ours, expected, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize("model", ["brdf", "phong", "diffuse"])
+@pytest.mark.parametrize("keep", [1 << 20, 1])
+def test_gradients_are_those_of_finite_differences(model: str, keep: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shading, "_KEEP", keep)
+    monkeypatch.setattr(shading, "_PAIRS", 12)
+    normal, position, roughness = texels(8, seed=3)
+    lights = distant(4, seed=2)
+
+    def features(n, x, roughness, irradiance, intensity):
+        near = LightSet(lights.directions, irradiance, 2 * lights.directions[:1], intensity)
+        return light_features(torch.nn.functional.normalize(n, dim=0), x, roughness, CENTRE, near, model=model)
+
+    inputs = [normal, position, roughness, torch.tensor(lights.irradiance), torch.ones(1, 3, dtype=torch.float64)]
+    assert torch.autograd.gradcheck(features, [value.clone().requires_grad_() for value in inputs])
+
+
+def test_values_and_gradients_are_finite_at_the_limits() -> None:
+    up, down, side = [0.0, 0, 1], [0.0, 0, -1], [1.0, 0, 0]
+    normal = torch.tensor([up, down, side, [0.6, 0, 0.8]]).T.repeat(1, 3).requires_grad_()
+    roughness = torch.tensor([0.0, 0.02, 1.0]).repeat_interleave(4).requires_grad_()
+    centre = np.array([0, 0, 1.0])
+    lights = LightSet(
+        np.array([up, down, side, [-1.0, 0, 0]]), np.ones((4, 3)), np.array([[0, 0, 0.0]]), np.ones((1, 3))
+    )
+    for model in ("brdf", "phong"):
+        features = light_features(normal, torch.zeros(3, 12), roughness, centre, lights, model=model)
+        assert all(values.isfinite().all() for values in features)
+        for gradient in torch.autograd.grad(
+            sum(values.sum() for values in features), (normal, roughness), allow_unused=True
+        ):
+            assert gradient is None or gradient.isfinite().all()
+
+
+def test_no_light_is_black() -> None:
+    maps = texels(5)
+    for values in light_features(*maps, CENTRE, LightSet(NONE, NONE, NONE, NONE)):
+        assert values.shape == (3, 5) and not values.any()
