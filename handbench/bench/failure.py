@@ -1,0 +1,31 @@
+"""What went wrong in a method, as the reason a report shows."""
+
+from __future__ import annotations
+
+import traceback
+from dataclasses import dataclass
+
+from ..errors import HandbenchError, NonFinite, Unsupported
+
+
+@dataclass(frozen=True)
+class Failure:
+    """`reason` is for a table's footnote; `trace` is a traceback if running again may help, else None."""
+
+    reason: str
+    trace: str | None
+
+
+def failure(error: Exception) -> Failure:
+    """Describe an exception of a method. What a method cannot do is final; a crash is worth another try."""
+    if isinstance(error, Unsupported):
+        return Failure(f"unsupported: {error}", None)
+    if isinstance(error, NonFinite):
+        return Failure(f"non-finite: {error}", None)
+    trace = "".join(traceback.format_exception(error))
+    if isinstance(error, MemoryError) or "out of memory" in str(error) or "not enough memory" in str(error):
+        return Failure("out of memory", trace)
+    text = " ".join(str(error).split())
+    if isinstance(error, HandbenchError):
+        return Failure(f"failed: {text}", trace)
+    return Failure(f"crashed: {type(error).__name__}{': ' if text else ''}{text[:200]}", trace)

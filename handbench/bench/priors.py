@@ -1,0 +1,78 @@
+"""Trainings of a run: once per method and seed, kept in the run folder, used again by every subject."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from ..method import Method, Prior, Progress, Recording
+from .store import Store, writing
+
+_CURVE_POINTS = 500
+
+
+class Priors:
+    """Gives the prior of a key: from memory, from the run folder, or by training."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._key = ""
+        self._last: tuple[Prior, float] | Exception
+
+    def get(
+        self, key: str, method: Method, recording: Callable[[], Recording], seed: int, progress: Progress
+    ) -> tuple[Prior, float]:
+        """The prior and the seconds its training took. A training that failed is not tried again for the next subject.
+
+        A prior is always read back from disk, also by the run that trained it, so that a resumed run and an
+        uninterrupted one score the same thing.
+        """
+        if self._key != key:
+            try:
+                self._last = self._find(key, method, recording, seed, progress)
+            except Exception as error:
+                self._last = error
+            self._key = key
+        if isinstance(self._last, Exception):
+            raise self._last
+        return self._last
+
+    def _find(
+        self, key: str, method: Method, recording: Callable[[], Recording], seed: int, progress: Progress
+    ) -> tuple[Prior, float]:
+        about = self._store.prior(key)
+        if about is None:
+            curve = _Curve(progress)
+            about = {"method": method.info.name, "config": method.config, "seed": seed}
+            with self._store.writing_prior(key, about) as folder:
+                start = time.perf_counter()
+                prior = method.train(recording(), seed, curve)
+                about["train_s"] = time.perf_counter() - start
+                about["curve"] = curve.points()
+                with writing(folder):
+                    prior.save(folder)
+        return method.load(self._store.prior_state(key)), about["train_s"]
+
+
+class _Curve:
+    """A progress that keeps what it is told, for the loss curves of a report."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._told: list[dict[str, Any]] = []
+
+    def __call__(self, step: int, total: int, **values: float) -> None:
+        if values:
+            self._told.append({"step": step, **{name: _json(value) for name, value in values.items()}})
+        self._progress(step, total, **values)
+
+    def points(self) -> list[dict[str, Any]]:
+        """At most `_CURVE_POINTS` of them, evenly spread, the last one included."""
+        every = -(-len(self._told) // _CURVE_POINTS) or 1
+        return self._told[::-1][::every][::-1]
+
+
+def _json(value: float) -> float | None:
+    value = float(value)
+    return value if abs(value) < float("inf") else None

@@ -1,0 +1,205 @@
+"""What a protocol says, as values: which frames train, enrol and are scored, and how they are chosen.
+
+`handbench.protocols` reads these values from TOML; `resolve` applies them to the frames of a capture.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from fnmatch import fnmatchcase
+from functools import cached_property
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..scene import Frame
+
+# What a scored frame can have in common with training; a column declares in `shares` what it shares on purpose.
+AXES = ("subject", "pose", "light")
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Frames by glob patterns; a frame is selected if every field has a pattern that fits it."""
+
+    segments: tuple[str, ...] = ("*",)
+    kinds: tuple[str, ...] = ("*",)
+    lightings: tuple[str, ...] = ("*",)
+    poses: tuple[str, ...] = ("*",)
+    cameras: tuple[str, ...] = ("*",)
+
+    def selects(self, frame: Frame) -> bool:
+        fields = (
+            (self.segments, frame.segment),
+            (self.kinds, frame.kind),
+            (self.lightings, frame.lighting),
+            (self.poses, frame.pose_name),
+            (self.cameras, frame.camera.name),
+        )
+        return all(any(fnmatchcase(value, pattern) for pattern in patterns) for patterns, value in fields)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A group of scored frames that answers one question; `limit` caps how many, None scores all."""
+
+    name: str
+    title: str
+    subjects: str  # "trained" or "unseen"
+    frames: Selection
+    shares: tuple[str, ...] = ()
+    limit: int | None = None
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """A protocol as its TOML file says it. `presets` maps a method to its preset, `preset` serves the others."""
+
+    name: str
+    version: int
+    title: str
+    summary: str
+    capture: str
+    size: str
+    trained: tuple[str, ...]
+    unseen: tuple[str, ...]
+    train: Selection
+    enrol: Selection
+    columns: tuple[Column, ...]
+    metrics: tuple[str, ...]
+    methods: tuple[str, ...]
+    aggregation: tuple[str, ...]
+    seeds: tuple[int, ...] = (0,)
+    preset: str = "quick"
+    presets: tuple[tuple[str, str], ...] = ()
+    sample_seed: int = 0
+
+    @property
+    def label(self) -> str:
+        return f"{self.name}@{self.version}"
+
+    @property
+    def subjects(self) -> tuple[str, ...]:
+        """The subjects that some column scores, in the order of the protocol."""
+        used = {column.subjects for column in self.columns}
+        return (self.trained if "trained" in used else ()) + (self.unseen if "unseen" in used else ())
+
+    def subjects_of(self, column: Column) -> tuple[str, ...]:
+        return self.trained if column.subjects == "trained" else self.unseen
+
+    def preset_of(self, method: str) -> str:
+        return dict(self.presets).get(method, self.preset)
+
+    @cached_property
+    def training_digest(self) -> str:
+        """Digest of what decides a prior: the training frames alone."""
+        return digest([self.capture, self.size, self.trained, asdict(self.train)])
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of everything that decides a score, so not of titles, default methods, seeds and presets."""
+        columns = [{**asdict(column), "title": None} for column in self.columns]
+        said = [self.name, self.version, self.training_digest, self.unseen, asdict(self.enrol), columns]
+        return digest([*said, self.metrics, self.sample_seed])
+
+
+@dataclass(frozen=True)
+class Selected:
+    """A protocol applied to a capture: frames of training, of enrolment, and scored ones by column name."""
+
+    train: tuple[Frame, ...]
+    enrol: tuple[Frame, ...]
+    scored: dict[str, tuple[Frame, ...]]
+
+
+def digest(content: Any) -> str:
+    """Hex SHA-256 of a JSON value."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def resolve(protocol: Protocol, frames: Iterable[Frame]) -> Selected:
+    """Choose the frames a protocol names.
+
+    Raises `InputError` for a subject the capture lacks, a selection without frames, a subject that cannot be
+    enrolled, and a column that has in common with training what it does not declare in `shares`.
+    """
+    frames = tuple(frames)
+    owner = f"protocol {protocol.label}"
+    present = {frame.subject for frame in frames}
+    for subject in (*protocol.trained, *protocol.unseen):
+        if subject not in present:
+            raise InputError(f"{owner}: the capture has no subject {subject!r}; it has {', '.join(sorted(present))}")
+    train = tuple(f for f in frames if f.subject in protocol.trained and protocol.train.selects(f))
+    if not train:
+        raise InputError(f"{owner}: [train] selects no frame of the capture; check its segments, kinds and lightings")
+    enrol = tuple(f for f in frames if f.subject in protocol.subjects and protocol.enrol.selects(f))
+    for subject in protocol.subjects:
+        if not any(frame.subject == subject for frame in enrol):
+            raise InputError(f"{owner}: [enrol] selects no frame of subject {subject!r}; check its segments and kinds")
+    scored = {}
+    for column in protocol.columns:
+        subjects = protocol.subjects_of(column)
+        chosen = [frame for frame in frames if frame.subject in subjects and column.frames.selects(frame)]
+        if not chosen:
+            raise InputError(f"{owner}: column {column.name!r} selects no frame; check its segments and lightings")
+        _check_sharing(owner, column, chosen, train, enrol)
+        scored[column.name] = sample(chosen, column.limit, protocol.sample_seed)
+    return Selected(train, enrol, scored)
+
+
+def _check_sharing(
+    owner: str, column: Column, scored: Iterable[Frame], train: Iterable[Frame], enrol: Iterable[Frame]
+) -> None:
+    def having(axis: str, frames: Iterable[Frame]) -> set[str]:
+        return {{"subject": f.subject, "pose": f.pose_key, "light": f.lighting}[axis] for f in frames}
+
+    # Poses belong to a subject ("s01/pose-3"), so an unseen subject shares none.
+    for axis in AXES:
+        common = sorted(having(axis, scored) & having(axis, train))
+        if common and axis not in column.shares:
+            raise InputError(
+                f"{owner}: column {column.name!r} scores a {axis} that training saw ({', '.join(common[:3])}); "
+                f"select others, or add {axis!r} to its shares if that is meant"
+            )
+    seen = {(f.pose_key, f.lighting) for f in enrol}
+    again = sorted(f"{f.pose_key} under {f.lighting}" for f in scored if (f.pose_key, f.lighting) in seen)
+    if again and set(column.shares) != set(AXES):
+        raise InputError(f"{owner}: column {column.name!r} scores {again[0]}, which enrolment shows; select others")
+
+
+def sample(frames: Iterable[Frame], limit: int | None, seed: int) -> tuple[Frame, ...]:
+    """At most `limit` frames, spread evenly over subject, pose, camera and light and over every pair of them.
+
+    Greedy: always take the frame whose values were taken least; ties are broken by a seeded shuffle, so the
+    choice does not depend on the order of `frames`. Returned in the order of their keys.
+    """
+    ordered = sorted(frames, key=lambda frame: frame.key)
+    if limit is None or len(ordered) <= limit:
+        return tuple(ordered)
+    order = np.random.default_rng(seed).permutation(len(ordered))
+    values = [(f.subject, f.pose_name, f.camera.name, f.lighting) for f in (ordered[i] for i in order)]
+    axes = [(i,) for i in range(4)] + list(combinations(range(4), 2))
+    codes = []  # per axis and per pair of axes: the value of each frame as an integer
+    for axis in axes:
+        keys = [tuple(value[i] for i in axis) for value in values]
+        names = {key: code for code, key in enumerate(dict.fromkeys(keys))}
+        codes.append(np.array([names[key] for key in keys]))
+    # A value's count is weighed by how many values its axis has: what is taken against its fair share. Single axes
+    # come first, pairs decide between equals.
+    weights = [len(np.unique(code)) * (100 if i < 4 else 1) for i, code in enumerate(codes)]
+    taken = [np.zeros(code.max() + 1) for code in codes]
+    left = np.zeros(len(values))
+    chosen: list[int] = []
+    for _ in range(limit):
+        cost = left + sum(w * count[code] for w, code, count in zip(weights, codes, taken, strict=True))
+        best = int(np.argmin(cost))
+        chosen.append(int(order[best]))
+        left[best] = np.inf
+        for code, count in zip(codes, taken, strict=True):
+            count[code[best]] += 1
+    return tuple(ordered[i] for i in sorted(chosen))

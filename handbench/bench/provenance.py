@@ -1,0 +1,93 @@
+"""Where a result comes from: commit, packages, machine, command. Captured when a run starts, never repaired."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import re
+import shlex
+import subprocess
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+
+
+def provenance(command: list[str]) -> dict[str, Any]:
+    """Everything a reader needs to judge or repeat a run, as JSON values."""
+    return {
+        "version": __version__,
+        "git": git_state(Path(__file__).parents[1]),
+        "python": platform.python_version(),
+        "packages": packages(),
+        "os": platform.platform(),
+        "device": device(),
+        "command": shlex.join(command),
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def git_state(package: Path) -> dict[str, Any] | None:
+    """Commit and dirty flag of the checkout that tracks a package; None for an installed copy."""
+
+    def git(*arguments: str) -> str | None:
+        command = ["git", "-C", str(package), *arguments]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+        except (OSError, subprocess.TimeoutExpired):
+            return None
+        return done.stdout.strip() if done.returncode == 0 else None
+
+    # A wheel in an environment inside someone's repository is not part of it: the file must be tracked.
+    if git("ls-files", "--error-unmatch", "__init__.py") is None:
+        return None
+    return {"commit": git("rev-parse", "HEAD"), "dirty": bool(git("status", "--porcelain"))}
+
+
+def packages() -> dict[str, str]:
+    """Versions of handbench's installed requirements, those of optional extras included."""
+    found = {}
+    for requirement in importlib.metadata.requires("handbench") or []:
+        name = re.split(r"[^A-Za-z0-9._-]", requirement, maxsplit=1)[0]
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return dict(sorted(found.items()))
+
+
+def device() -> dict[str, Any]:
+    """The machine, for telling which times may be compared. GPUs are named only when torch is already in use."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    torch = sys.modules.get("torch")
+    gpus = []
+    if torch is not None and torch.cuda.is_available():
+        gpus = [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())]
+    return {
+        "cpu": _cpu_model(),
+        "cores": cores,
+        "threads": torch.get_num_threads()
+        if torch is not None
+        else int(os.environ.get("OMP_NUM_THREADS") or cores or 1),
+        "memory_gb": _memory_gb(),
+        "gpus": gpus,
+    }
+
+
+def _cpu_model() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        text = ""
+    found = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
+    return found[1].strip() if found else platform.processor() or platform.machine()
+
+
+def _memory_gb() -> float | None:
+    try:
+        return round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1)
+    except (AttributeError, ValueError, OSError):
+        return None

@@ -1,0 +1,192 @@
+"""Run a protocol: every cell that is not in the run folder yet."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from ..data.capture import Capture
+from ..errors import InputError
+from ..method import Method
+from ..registry import CAPTURES, METHODS, METRICS, PROTOCOLS
+from .plan import Cell, Plan, make_plan
+from .progress import Steps, steps
+from .protocol import Protocol, Selected
+from .store import SCHEMA, Store
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run did: `computed` and `reused` count cells, `crashed` names those whose method crashed, and why."""
+
+    folder: Path
+    computed: int
+    reused: int
+    crashed: tuple[str, ...]
+
+
+def find_protocol(name: str) -> Protocol:
+    """A registered protocol, or the one in a TOML file. Raises `InputError` for an unknown name or a bad file."""
+    if name.endswith(".toml"):
+        return importlib.import_module(PROTOCOLS.package).load(Path(name))
+    return PROTOCOLS.load(name)
+
+
+def run(
+    protocol: Protocol,
+    methods: Iterable[str] | None = None,
+    seeds: Iterable[int] | None = None,
+    preset: str | None = None,
+    out: Path | None = None,
+    data: Path | None = None,
+    command: Iterable[str] = (),
+) -> Outcome:
+    """Compute the missing cells of a protocol into `out` (default: runs/<protocol>) and say what was done.
+
+    A finished cell is never computed again while nothing that decides it changed; a cell whose method crashed is
+    tried again. A method's failure becomes the reason of its scores and stops no other cell. Raises `InputError`
+    for what the user can mend and `StorageError` when the run folder cannot be written; finished cells stay.
+    """
+    methods = None if methods is None else tuple(methods)
+    for name in methods or protocol.methods:
+        METHODS.entry(name)  # a mistyped name is told before a capture is generated
+    store = Store(out or Path("runs") / protocol.name)
+    store.prepare()
+    with steps() as told:
+        source = CAPTURES.load(protocol.capture)
+        capture = source(size=protocol.size, folder=data, progress=told(f"capture {protocol.capture} {protocol.size}"))
+        plan = make_plan(protocol, capture.digest, methods, seeds, preset)
+        missing = [cell for cell in plan.cells if not _finished(store.cell(cell.key))]
+        if missing or not _refresh(store, plan):
+            _compute(plan, missing, capture, store, list(command) or sys.argv, told)
+    crashed = tuple(_crash(store.cell(cell.key), cell) for cell in plan.cells if not _finished(store.cell(cell.key)))
+    return Outcome(store.folder, len(missing), len(plan.cells) - len(missing), crashed)
+
+
+def _finished(cell: dict[str, Any] | None) -> bool:
+    return cell is not None and cell["error"] is None
+
+
+def _crash(cell: dict[str, Any] | None, planned: Cell) -> str:
+    reasons = [score["reason"] for score in cell["scores"] if score["reason"]] if cell else ["not computed"]
+    return f"{planned.method} {planned.subject} seed {planned.seed}: {reasons[0]}"
+
+
+def _refresh(store: Store, plan: Plan) -> bool:
+    """Whether run.json already tells this plan; a changed title is brought up to date without loading anything."""
+    told = store.run()
+    if told is None or told["cells"] != [cell.key for cell in plan.cells]:
+        return False
+    now = {**_about_protocol(plan.protocol), "metrics": told["protocol"]["metrics"]}
+    for column, before in zip(now["columns"], told["protocol"]["columns"], strict=True):
+        column["queries"] = before["queries"]
+    if now != told["protocol"]:
+        store.write_run({**told, "protocol": now})
+    return True
+
+
+def _compute(plan: Plan, missing: list[Cell], capture: Capture, store: Store, command: list[str], told: Steps) -> None:
+    from .cell import Bench, CaptureReader, compute
+    from .priors import Priors
+    from .protocol import resolve
+    from .provenance import provenance
+
+    made = {(cell.method, cell.preset): _create(cell) for cell in plan.cells}
+    module = importlib.import_module(METRICS.package)
+    metrics = {metric.signature: metric for metric in map(module.metric, plan.protocol.metrics)}
+    if len(metrics) < len(plan.protocol.metrics):
+        raise InputError(f"protocol {plan.protocol.label}: two metrics have one signature; keep one of them")
+    selected = resolve(plan.protocol, capture.frames())
+    origin = provenance(command)
+    store.write_run(_about_run(plan, made, metrics, selected, origin))
+    bench = Bench(plan.protocol, selected, CaptureReader(capture), store, Priors(store), metrics, module)
+    overall = told("all cells")
+    for i, cell in enumerate(missing):
+        if not _finished(store.cell(cell.key)):  # another process may have been here
+            method = made[cell.method, cell.preset]
+            result = compute(bench, cell, method, told)
+            store.write_cell({**_about_cell(plan, cell, method), "provenance": origin, **result})
+        overall(i + 1, len(missing))
+
+
+def _create(cell: Cell) -> Method:
+    return METHODS.load(cell.method)(preset=cell.preset)
+
+
+def _about_cell(plan: Plan, cell: Cell, method: Method) -> dict[str, Any]:
+    from .provenance import device
+
+    protocol = plan.protocol
+    return {
+        "schema": SCHEMA,
+        "key": cell.key,
+        "protocol": {
+            "name": protocol.name,
+            "version": protocol.version,
+            "digest": protocol.digest,
+            "title": protocol.title,
+        },
+        "method": _about_method(cell, method),
+        "subject": cell.subject,
+        "seed": cell.seed,
+        "capture": _about_capture(plan),
+        "prior": cell.prior,
+        "device": device(),
+    }
+
+
+def _about_capture(plan: Plan) -> dict[str, Any]:
+    """The registered name and size, with which a report can open the capture again, and what it then must be."""
+    return {"name": plan.protocol.capture, "size": plan.protocol.size, "digest": plan.capture_digest}
+
+
+def _about_method(cell: Cell, method: Method) -> dict[str, Any]:
+    info = {**asdict(method.info), "name": cell.method, "lights": sorted(method.info.lights)}
+    return {**info, "preset": cell.preset, "config": method.config}
+
+
+def _about_protocol(protocol: Protocol) -> dict[str, Any]:
+    columns = [
+        {"name": c.name, "title": c.title, "subjects": c.subjects, "shares": list(c.shares)} for c in protocol.columns
+    ]
+    return {
+        "name": protocol.name,
+        "version": protocol.version,
+        "title": protocol.title,
+        "summary": protocol.summary,
+        "digest": protocol.digest,
+        "trained": list(protocol.trained),
+        "unseen": list(protocol.unseen),
+        "aggregation": list(protocol.aggregation),
+        "columns": columns,
+    }
+
+
+def _about_run(
+    plan: Plan,
+    made: dict[tuple[str, str], Method],
+    metrics: dict[str, Any],
+    selected: Selected,
+    origin: dict[str, Any],
+) -> dict[str, Any]:
+    names = ("name", "title", "signature", "higher_is_better", "unit", "latex", "decimals")
+    protocol = _about_protocol(plan.protocol)
+    protocol["metrics"] = [{name: getattr(metric, name) for name in names} for metric in metrics.values()]
+    for column in protocol["columns"]:
+        column["queries"] = [frame.key for frame in selected.scored[column["name"]]]
+    firsts = {cell.method: cell for cell in reversed(plan.cells)}
+    return {
+        "schema": SCHEMA,
+        "protocol": protocol,
+        "methods": [_about_method(firsts[name], made[name, firsts[name].preset]) for name in plan.methods],
+        "seeds": list(plan.seeds),
+        "subjects": list(plan.protocol.subjects),
+        "capture": _about_capture(plan),
+        "cells": [cell.key for cell in plan.cells],
+        "provenance": origin,
+        "command": origin["command"],
+    }

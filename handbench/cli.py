@@ -1,0 +1,199 @@
+"""The command line: argument parsing over one public function per verb. Nothing heavy is imported before it is used."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from . import __version__
+from .errors import HandbenchError, Unsupported
+
+_KINDS = ("protocols", "methods", "metrics", "captures")
+_FORMATS = ("terminal", "latex", "csv", "markdown", "html")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a command and return its exit code: 0 done, 1 a method crashed or broke a law, 2 bad input, 130 stopped."""
+    arguments = _parser().parse_args(argv)
+    verb: Callable[[argparse.Namespace], int] = arguments.verb
+    try:
+        return verb(arguments)
+    except HandbenchError as error:
+        if os.environ.get("HANDBENCH_DEBUG"):
+            raise
+        print(f"handbench: {' '.join(str(error).split())}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("handbench: stopped; what was finished is kept, the same command goes on from there", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of a pipe has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from .bench.run import find_protocol, run
+
+    protocol = find_protocol(arguments.protocol)
+    command = ["handbench", *sys.argv[1:]]
+    outcome = run(
+        protocol, arguments.methods, arguments.seeds, arguments.preset, arguments.out, arguments.data, command
+    )
+    reports = importlib.import_module("handbench.reports")
+    files = reports.write_reports(outcome.folder)
+    _show(reports.render_terminal(reports.table(outcome.folder)))
+    print(f"{outcome.computed} cells computed, {outcome.reused} reused; run folder: {outcome.folder}")
+    print(f"report: {files['index.html']}")
+    for crash in outcome.crashed:
+        print(f"handbench: {crash}", file=sys.stderr)
+    return 1 if outcome.crashed else 0
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    from . import registry
+
+    tables = {
+        "protocols": registry.PROTOCOLS,
+        "methods": registry.METHODS,
+        "metrics": registry.METRICS,
+        "captures": registry.CAPTURES,
+    }
+    for kind in [arguments.kind] if arguments.kind else _KINDS:
+        entries = tables[kind].entries().values()
+        width = max((len(entry.name) for entry in entries), default=0)
+        print(kind)
+        for entry in entries:
+            print(f"  {entry.name:<{width}}  {entry.summary}")
+    return 0
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    reports = importlib.import_module("handbench.reports")
+    if arguments.format == "html":
+        print(reports.write_reports(arguments.run)["index.html"])
+    elif arguments.format == "terminal":
+        _show(reports.render_terminal(reports.table(arguments.run)))
+    else:
+        render = getattr(reports, f"render_{arguments.format}")
+        print(render(reports.table(arguments.run)), end="")
+    return 0
+
+
+def _show(renderable: Any) -> None:
+    from rich.console import Console
+
+    Console().print(renderable)
+
+
+def _data_make(arguments: argparse.Namespace) -> int:
+    from .bench.progress import steps
+    from .registry import CAPTURES
+
+    with steps() as told:
+        label = f"capture {arguments.capture} {arguments.size}"
+        capture = CAPTURES.load(arguments.capture)(arguments.size, arguments.folder, told(label))
+    print(f"{capture.name}: {len(capture.frames())} frames, digest {capture.digest[:16]}")
+    return 0
+
+
+def _data_show(arguments: argparse.Namespace) -> int:
+    from .registry import CAPTURES
+
+    entry = CAPTURES.entry(arguments.capture)
+    capture = entry.load()(arguments.size, arguments.folder)
+    frames = capture.frames()
+    print(f"{capture.name}: {len(frames)} frames, digest {capture.digest[:16]}")
+    for what, values in {
+        "subjects": [frame.subject for frame in frames],
+        "poses": [f"{frame.pose_name} ({frame.segment})" for frame in frames],
+        "cameras": [f"{f.camera.name} {f.camera.width}x{f.camera.height}" for f in frames],
+        "lightings": [frame.lighting for frame in frames],
+    }.items():
+        print(f"  {what}: {', '.join(dict.fromkeys(values))}")
+    sheet = getattr(importlib.import_module(entry.target.partition(":")[0]), "contact_sheet", None)
+    if sheet is None:
+        raise Unsupported(f"capture {arguments.capture!r} draws no contact sheet")
+    print(sheet(capture, arguments.out or Path(f"{capture.name}.png")))
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from .bench.check import check
+    from .bench.run import find_protocol
+    from .registry import METHODS
+
+    METHODS.entry(arguments.method)
+    verdicts = check(arguments.method, find_protocol(arguments.protocol), arguments.preset, arguments.data)
+    words = {True: "holds", False: "BROKEN", None: "n/a"}
+    for verdict in verdicts:
+        print(f"{verdict.law:<12} {words[verdict.holds]:<7} {verdict.detail}")
+    return 1 if any(verdict.holds is False for verdict in verdicts) else 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="handbench", description="Benchmark hand-relighting methods.")
+    parser.add_argument("--version", action="version", version=f"handbench {__version__}")
+    verbs = parser.add_subparsers(required=True, metavar="VERB")
+
+    run = verbs.add_parser("run", help="run a protocol and write its report; finished cells are reused")
+    run.add_argument("protocol", help="a name that 'handbench list protocols' shows, or a TOML file")
+    run.add_argument("--methods", type=_names, metavar="A,B", help="instead of the protocol's methods")
+    run.add_argument("--seeds", type=_numbers, metavar="0,1", help="instead of the protocol's seeds")
+    run.add_argument("--preset", metavar="NAME", help="one preset for all methods")
+    run.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: runs/PROTOCOL)")
+    run.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
+    run.set_defaults(verb=_run)
+
+    lists = verbs.add_parser("list", help="what can be named: protocols, methods, metrics, captures")
+    lists.add_argument("kind", nargs="?", choices=_KINDS)
+    lists.set_defaults(verb=_list)
+
+    report = verbs.add_parser("report", help="print the table of a run, or write its page")
+    report.add_argument("run", type=Path, help="the folder of a run")
+    report.add_argument("--format", choices=_FORMATS, default="terminal")
+    report.set_defaults(verb=_report)
+
+    data = verbs.add_parser("data", help="make and show captures").add_subparsers(required=True, metavar="VERB")
+    make = data.add_parser("make", help="generate what is missing of a capture")
+    make.set_defaults(verb=_data_make)
+    show = data.add_parser("show", help="summarise a capture and draw a contact sheet")
+    show.add_argument("--out", type=Path, metavar="PNG", help="the picture (default: CAPTURE.png)")
+    show.set_defaults(verb=_data_show)
+    for verb in (make, show):
+        verb.add_argument("capture", help="a name that 'handbench list captures' shows")
+        verb.add_argument("--size", default="quick", metavar="SIZE")
+        verb.add_argument("--folder", type=Path, metavar="DIR", help="where captures are kept")
+
+    check = verbs.add_parser("check", help="try the laws of the method interface on a method")
+    check.add_argument("method", help="a name that 'handbench list methods' shows")
+    check.add_argument("--protocol", default="smoke", help="whose frames to try it on (default: smoke)")
+    check.add_argument("--preset", metavar="NAME")
+    check.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
+    check.set_defaults(verb=_check)
+    return parser
+
+
+def _names(text: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    if not names:
+        raise argparse.ArgumentTypeError("give at least one name")
+    return names
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    try:
+        numbers = tuple(int(number) for number in text.split(","))
+    except ValueError:
+        numbers = ()
+    if not numbers or min(numbers) < 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no list of whole numbers such as 0,1,2")
+    return numbers
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,163 @@
+"""TOML files into protocols: every key is known, every value has the right type, or one sentence says what is wrong."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from handbench.bench.protocol import AXES, Column, Protocol, Selection
+from handbench.errors import InputError, unknown_name
+
+_SELECTION = ("segments", "kinds", "lightings", "poses", "cameras")
+_KINDS = ("olat", "group", "full", "environment")
+_COLUMN = ("name", "title", "subjects", "shares", "limit", *_SELECTION)
+_TOP = (
+    *("name", "version", "title", "summary", "capture", "size", "subjects", "train", "enrol", "column"),
+    *("metrics", "methods", "seeds", "preset", "presets", "aggregation", "sample_seed"),
+)
+_STEPS = ("query", "subject", "seed")
+
+
+def load(path: Path) -> Protocol:
+    """The protocol in a TOML file. Raises `InputError` for an unreadable file or a value that cannot be used."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"protocol file {path} cannot be read ({error.strerror}); check its path") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"protocol file {path} is not valid TOML: {error}") from error
+    return parse(table, str(path))
+
+
+def parse(table: Mapping[str, Any], origin: str) -> Protocol:
+    """A protocol from a parsed TOML table; `origin` names it in errors."""
+    top = _Reader(f"protocol {origin}", table, _TOP)
+    groups = _Reader(f"{top.owner} [subjects]", top.table("subjects"), ("trained", "unseen"))
+    trained = groups.texts("trained")
+    unseen = groups.texts("unseen", default=())
+    if both := set(trained) & set(unseen):
+        raise InputError(f"{groups.owner}: {sorted(both)[0]!r} is both trained and unseen; keep it in one list")
+    columns = top.get("column", list, "[[column]] tables")
+    if not columns:
+        raise InputError(f"{top.owner}: there is no [[column]]; add one, nothing would be scored")
+    named = tuple(_column(f"{top.owner} column {i + 1}", column, unseen) for i, column in enumerate(columns))
+    _distinct(top.owner, "column name", [column.name for column in named])
+    presets = _Reader(f"{top.owner} [presets]", top.table("presets", default={}), None)
+    return Protocol(
+        name=top.text("name"),
+        version=top.whole("version", least=1),
+        title=top.text("title"),
+        summary=top.text("summary"),
+        capture=top.text("capture"),
+        size=top.text("size"),
+        trained=trained,
+        unseen=unseen,
+        train=_selection(f"{top.owner} [train]", top.table("train")),
+        enrol=_selection(f"{top.owner} [enrol]", top.table("enrol")),
+        columns=named,
+        metrics=top.texts("metrics"),
+        methods=top.texts("methods"),
+        aggregation=_aggregation(top),
+        seeds=top.wholes("seeds", default=(0,)),
+        preset=top.text("preset", default="quick"),
+        presets=tuple((method, presets.text(method)) for method in sorted(presets.given)),
+        sample_seed=top.whole("sample_seed", least=0, default=0),
+    )
+
+
+def _column(owner: str, table: Any, unseen: tuple[str, ...]) -> Column:
+    reader = _Reader(owner, table, _COLUMN)
+    name = reader.text("name")
+    reader.owner = f"{owner} ({name})"
+    subjects = reader.text("subjects")
+    if subjects not in ("trained", "unseen"):
+        raise InputError(f'{reader.owner}: subjects is {subjects!r}; write "trained" or "unseen"')
+    if subjects == "unseen" and not unseen:
+        raise InputError(f'{reader.owner}: subjects is "unseen", but [subjects] lists no unseen subject; add one')
+    shares = reader.texts("shares", default=())
+    for axis in shares:
+        if axis not in AXES:
+            raise unknown_name(f"axis in the shares of {reader.owner}:", axis, AXES)
+    selection = _selection(reader.owner, {key: reader.given[key] for key in _SELECTION if key in reader.given})
+    limit = reader.whole("limit", least=1) if "limit" in reader.given else None
+    return Column(name, reader.text("title"), subjects, selection, shares, limit)
+
+
+def _selection(owner: str, table: Mapping[str, Any]) -> Selection:
+    reader = _Reader(owner, table, _SELECTION)
+    for kind in reader.texts("kinds", default=()):
+        if kind not in _KINDS:
+            raise unknown_name(f"kind of frame in {owner}:", kind, _KINDS)
+    return Selection(**{key: reader.texts(key) for key in reader.given})
+
+
+def _aggregation(top: _Reader) -> tuple[str, ...]:
+    steps = top.texts("aggregation")
+    if sorted(steps) != sorted(_STEPS) or steps[0] != "query":
+        raise InputError(f"{top.owner}: aggregation is {list(steps)}; order {list(_STEPS)}, beginning with 'query'")
+    return steps
+
+
+def _distinct(owner: str, what: str, values: Iterable[Any]) -> None:
+    seen = set()
+    for value in values:
+        if value in seen:
+            raise InputError(f"{owner}: {what} {value!r} is given twice; keep one")
+        seen.add(value)
+
+
+class _Reader:
+    """A table whose keys are known and whose values are read with their type checked; `known` None allows any key."""
+
+    def __init__(self, owner: str, table: Any, known: tuple[str, ...] | None) -> None:
+        self.owner = owner
+        if not isinstance(table, Mapping):
+            raise InputError(f"{owner}: expected a table, got {table!r}")
+        self.given = table
+        for key in table:
+            if known is not None and key not in known:
+                raise unknown_name(f"key in {owner}:", key, known)
+
+    def get(self, key: str, kind: type, wanted: str, default: Any = None) -> Any:
+        value = self.given.get(key, default)
+        if value is None:
+            raise InputError(f"{self.owner}: {key!r} is missing; give {wanted}")
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise InputError(f"{self.owner}: {key} is {value!r}; give {wanted}")
+        return value
+
+    def table(self, key: str, default: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
+        return self.get(key, dict, f"a [{key}] table", default)
+
+    def text(self, key: str, default: str | None = None) -> str:
+        value = self.get(key, str, "a text", default)
+        if not value.strip():
+            raise InputError(f"{self.owner}: {key} is empty; give a text")
+        return value
+
+    def whole(self, key: str, least: int, default: int | None = None) -> int:
+        value = self.get(key, int, f"a whole number, at least {least}", default)
+        if value < least:
+            raise InputError(f"{self.owner}: {key} is {value}; give a whole number, at least {least}")
+        return value
+
+    def texts(self, key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
+        return self._list(key, "a list of texts", lambda item: isinstance(item, str) and bool(item.strip()), default)
+
+    def wholes(self, key: str, default: tuple[int, ...] | None = None) -> tuple[int, ...]:
+        return self._list(
+            key, "a list of whole numbers, at least 0", lambda item: type(item) is int and item >= 0, default
+        )
+
+    def _list(
+        self, key: str, wanted: str, fits: Callable[[Any], bool], default: tuple[Any, ...] | None
+    ) -> tuple[Any, ...]:
+        if key not in self.given and default is not None:
+            return default
+        values = self.get(key, list, wanted)
+        if not values or not all(map(fits, values)):
+            raise InputError(f"{self.owner}: {key} is {values!r}; give {wanted}, not empty")
+        _distinct(self.owner, f"entry of {key}", values)
+        return tuple(values)

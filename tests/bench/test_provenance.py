@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+import subprocess
+
+from handbench.bench.progress import steps
+from handbench.bench.provenance import git_state, provenance
+
+
+def git(folder, *arguments):
+    subprocess.run(["git", "-C", folder, "-c", "user.name=n", "-c", "user.email=e@x", *arguments], check=True)
+
+
+def test_commit_and_dirty_flag_of_the_package_alone(tmp_path):
+    package = tmp_path / "package"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    assert git_state(package) is None
+    git(tmp_path, "init", "-q")
+    assert git_state(package) is None, "an untracked copy inside a repository is not part of it"
+    git(tmp_path, "add", "package")
+    git(tmp_path, "commit", "-qm", "first")
+    clean = git_state(package)
+    assert len(clean["commit"]) == 40 and clean["dirty"] is False
+    (package / "__init__.py").write_text("changed = 1\n")
+    assert git_state(package) == {"commit": clean["commit"], "dirty": True}
+
+
+def test_provenance_names_packages_machine_and_command():
+    found = provenance(["handbench", "run", "my protocol"])
+    assert found["command"] == "handbench run 'my protocol'"
+    assert {"numpy", "torch"} <= set(found["packages"])
+    assert found["device"]["cores"] >= 1 and found["device"]["memory_gb"] > 0
+
+
+def test_plain_progress_has_loss_and_end(capsys):
+    with steps() as told:
+        progress = told("training")
+        progress(1, 2, loss=0.5)
+        progress(2, 2, loss=0.25)
+    assert capsys.readouterr().err.startswith("training 2/2 loss 0.25 (")

@@ -1,0 +1,249 @@
+"""A run computes what is missing, once, and a method's failure is a reason in its own scores."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handbench.bench.run import find_protocol, run
+from handbench.bench.store import Store
+from handbench.data.exr import read_exr
+from handbench.errors import InputError
+
+ROOT = Path(__file__).parent
+
+
+def cells(folder: Path) -> list[dict]:
+    store = Store(folder)
+    return [store.cell(key) for key in store.run()["cells"]]
+
+
+def scores(folder: Path, method: str) -> dict[tuple[str, str], dict]:
+    return {(s["column"], s["query"]): s for c in cells(folder) if c["method"]["name"] == method for s in c["scores"]}
+
+
+def comparable(folder: Path) -> str:
+    """Everything but times and provenance."""
+    kept = [{k: v for k, v in cell.items() if k not in ("times", "provenance")} for cell in cells(folder)]
+    return json.dumps(kept, sort_keys=True)
+
+
+def test_a_run_scores_every_query_and_times_the_method(fakes, toy_protocol, tmp_path):
+    outcome = run(toy_protocol(), out=tmp_path / "run", command=["handbench", "run", "toy"])
+    assert (outcome.computed, outcome.reused, outcome.crashed) == (2, 0, ())
+    told = Store(tmp_path / "run").run()
+    assert told["command"] == "handbench run toy"
+    assert told["protocol"]["metrics"][0]["signature"].startswith("psnr|")
+    expected = {(c["name"], q) for c in told["protocol"]["columns"] for q in c["queries"]}
+    assert len(expected) == 2 + 2 + 4 + 2
+    found = scores(tmp_path / "run", "toy")
+    assert set(found) == expected
+    assert all(np.isfinite(score["value"]) for score in found.values())
+    first = cells(tmp_path / "run")[0]
+    assert first["times"]["relight_ms"]["n"] == 8 and first["times"]["train_s"] > 0
+    assert first["same_pixels"] is True
+    assert {"cpu", "cores", "memory_gb"} <= set(first["device"])
+
+
+def test_the_oracle_is_perfect_and_its_predictions_are_kept(fakes, toy_protocol, tmp_path):
+    run(toy_protocol(), methods=["oracle"], out=tmp_path)
+    found = scores(tmp_path, "oracle")
+    assert {score["value"] for score in found.values()} == {100.0}  # the cap of psnr
+    truth = fakes.ToyCapture()
+    frames = {frame.key: frame for frame in truth.frames()}
+    for cell in cells(tmp_path):
+        for score in cell["scores"]:
+            kept = read_exr(tmp_path / cell["predictions"] / f"{score['query'].replace('/', '__')}.exr")
+            np.testing.assert_allclose(kept["G"], truth.observe(frames[score["query"]]).image[..., 1], rtol=1e-3)
+
+
+def test_one_training_serves_all_subjects_and_a_second_run_does_nothing(fakes, toy_protocol, tmp_path):
+    protocol = toy_protocol()
+    run(protocol, out=tmp_path)
+    assert fakes.CALLS["toy train"] == 1 and fakes.CALLS["toy personalise"] == 2
+    before = (tmp_path / "run.json").read_bytes()
+    fakes.CALLS.clear()
+    outcome = run(protocol, out=tmp_path)
+    assert (outcome.computed, outcome.reused) == (0, 2)
+    assert not fakes.CALLS, "a cached run must not touch images or methods"
+    assert (tmp_path / "run.json").read_bytes() == before
+
+
+def test_only_missing_cells_are_computed_and_equal_an_uninterrupted_run(fakes, toy_protocol, tmp_path):
+    protocol = toy_protocol()
+    run(protocol, out=tmp_path / "whole", seeds=[0, 1])
+    run(protocol, out=tmp_path / "killed", seeds=[0, 1])
+    lost = Store(tmp_path / "killed").run()["cells"][1]
+    (tmp_path / "killed" / "cells" / f"{lost}.json").write_text('{"schema": 1, "key": "')  # torn by a bad disk
+    fakes.CALLS.clear()
+    outcome = run(protocol, out=tmp_path / "killed", seeds=[0, 1])
+    assert (outcome.computed, outcome.reused) == (1, 3)
+    assert fakes.CALLS["toy train"] == 0 and fakes.CALLS["toy personalise"] == 1
+    assert comparable(tmp_path / "killed") == comparable(tmp_path / "whole")
+
+
+def test_an_interrupted_run_keeps_finished_cells_and_resumes(fakes, toy_protocol, tmp_path):
+    protocol = toy_protocol()
+    fakes.STOP_AT["toy"] = 18  # the first subject takes 17 calls: a warm-up, 8 queries, 8 again
+    with pytest.raises(KeyboardInterrupt):
+        run(protocol, out=tmp_path)
+    assert len(list((tmp_path / "cells").iterdir())) == 1
+    assert not [path for path in tmp_path.rglob("*") if path.name.endswith((".tmp", ".part"))]
+    fakes.STOP_AT.clear()
+    outcome = run(protocol, out=tmp_path)
+    assert (outcome.computed, outcome.reused) == (1, 1)
+    assert fakes.CALLS["toy train"] == 1
+
+
+def test_nan_predictions_are_visible_as_reasons(fakes, toy_protocol, tmp_path):
+    run(toy_protocol(), methods=["toy-nan"], out=tmp_path)
+    for (_, query), score in scores(tmp_path, "toy-nan").items():
+        if "/side/" in query:
+            assert score["value"] is None
+            assert score["reason"] == "non-finite: 3 values of the prediction are NaN or infinite"
+        else:
+            assert score["value"] is not None and score["reason"] is None
+
+
+def test_a_crash_is_a_reason_and_stops_no_other_cell(fakes, toy_protocol, tmp_path):
+    protocol = toy_protocol(methods=["toy-crash-train", "toy-crash", "toy"])
+    outcome = run(protocol, out=tmp_path)
+    assert outcome.computed == 6
+    assert {s["reason"] for s in scores(tmp_path, "toy-crash-train").values()} == {"crashed: ValueError: no such layer"}
+    by_subject = {query[:3]: score["reason"] for (_, query), score in scores(tmp_path, "toy-crash").items()}
+    assert by_subject == {"s01": None, "s02": "crashed: KeyError: 'weights'"}
+    assert all(score["value"] is not None for score in scores(tmp_path, "toy").values())
+    assert fakes.CALLS["toy-crash-train train"] == 1, "a failed training is not tried again for the next subject"
+    assert outcome.crashed == (
+        "toy-crash-train s01 seed 0: crashed: ValueError: no such layer",
+        "toy-crash-train s02 seed 0: crashed: ValueError: no such layer",
+        "toy-crash s02 seed 0: crashed: KeyError: 'weights'",
+    )
+    assert "KeyError" in next(c["error"] for c in cells(tmp_path) if c["method"]["name"] == "toy-crash" and c["error"])
+    again = run(protocol, out=tmp_path)
+    assert (again.computed, again.reused) == (3, 3), "crashed cells alone are tried again"
+
+
+@pytest.mark.parametrize(
+    ("method", "reason"),
+    [
+        ("toy-memory", "out of memory"),
+        ("toy-diverges", "non-finite: the texture overflowed"),
+        ("toy-small", "unsupported: the picture is 8x4, its camera says 8x8"),
+    ],
+)
+def test_reasons(fakes, toy_protocol, tmp_path, method, reason):
+    run(toy_protocol(), methods=[method], out=tmp_path)
+    assert {score["reason"] for score in scores(tmp_path, method).values()} == {reason}
+
+
+def test_what_a_method_cannot_do_is_final_and_counts_as_no_crash(fakes, toy_protocol, tmp_path):
+    outcome = run(toy_protocol(), methods=["toy-no-environment"], out=tmp_path)
+    assert outcome.crashed == ()
+    found = scores(tmp_path, "toy-no-environment")
+    assert {column for (column, _), s in found.items() if s["reason"] == "unsupported: no environment light"} == {"env"}
+    assert run(toy_protocol(), methods=["toy-no-environment"], out=tmp_path).computed == 0
+
+
+def test_enrolment_is_fully_lit_frames_and_own_training_frames_for_methods_of_one_identity(
+    fakes, toy_protocol, tmp_path
+):
+    run(toy_protocol(), methods=["toy", "toy-identity"], out=tmp_path)
+    assert fakes.CALLS["toy enrolled with full"] == 2
+    assert fakes.CALLS["toy-identity enrolled with full+group+olat"] == 1
+    assert fakes.CALLS["toy-identity enrolled with full"] == 1
+
+
+def test_a_damaged_capture_stops_the_run_in_one_sentence(fakes, toy_protocol, tmp_path):
+    with pytest.raises(InputError, match=r"s02/pose-2/front/group-0\.exr is damaged"):
+        run(toy_protocol(size="damaged"), out=tmp_path)
+    with pytest.raises(InputError, match="is damaged"):  # also where a method is the first to read it
+        run(toy_protocol(size="damaged"), methods=["oracle"], out=tmp_path)
+    assert len(list((tmp_path / "cells").iterdir())) == 2, "the first subject's cells are kept"
+
+
+def test_a_changed_title_is_told_without_computing(fakes, toy_protocol, tmp_path):
+    run(toy_protocol(), out=tmp_path)
+    outcome = run(toy_protocol(title="Better title"), out=tmp_path)
+    assert outcome.computed == 0
+    told = Store(tmp_path).run()["protocol"]
+    assert told["title"] == "Better title" and told["columns"][0]["queries"]
+
+
+def test_a_subset_of_methods_plans_only_them_and_keeps_the_others(fakes, toy_protocol, tmp_path):
+    run(toy_protocol(), methods=["toy", "toy-nan"], out=tmp_path)
+    outcome = run(toy_protocol(), methods=["toy-nan"], out=tmp_path)
+    assert (outcome.computed, outcome.reused) == (0, 2)
+    assert [m["name"] for m in Store(tmp_path).run()["methods"]] == ["toy-nan"]
+    assert len(list((tmp_path / "cells").iterdir())) == 4
+
+
+def test_two_processes_on_one_run_corrupt_nothing(fakes, toy_protocol, toy_table, tmp_path):
+    run(toy_protocol(), methods=["toy", "toy-nan"], seeds=range(3), out=tmp_path / "alone")
+    script = tmp_path / "both.py"
+    script.write_text(
+        "import json, sys\n"
+        "from pathlib import Path\n"
+        f"sys.path.insert(0, {str(ROOT / 'fakes')!r})\n"
+        "import handbench.data, handbench.methods\n"
+        "from handbench.bench.run import run\n"
+        "from handbench.protocols import parse\n"
+        "from handbench.registry import Entry\n"
+        "toys = [Entry(n, 'benchfakes:' + n.replace('-', '_'), '') for n in ('toy', 'toy-nan')]\n"
+        "handbench.methods.ENTRIES += tuple(toys)\n"
+        "handbench.data.ENTRIES += (Entry('toy', 'benchfakes:open_toy', ''),)\n"
+        f"protocol = parse(json.loads({json.dumps(toy_table())!r}), 'toy')\n"
+        "run(protocol, ['toy', 'toy-nan'], range(3), out=Path(sys.argv[1]))\n"
+    )
+    both = [subprocess.Popen([sys.executable, script, tmp_path / "shared"], stderr=subprocess.PIPE) for _ in range(2)]
+    for process in both:
+        _, errors = process.communicate(timeout=60)
+        assert process.returncode == 0, errors.decode()
+    assert comparable(tmp_path / "shared") == comparable(tmp_path / "alone")
+    assert not [path for path in (tmp_path / "shared").rglob("*") if path.name.endswith((".tmp", ".part"))]
+
+
+def test_unknown_names_are_told_before_anything_is_made(fakes, toy_protocol, tmp_path):
+    with pytest.raises(InputError, match=r"unknown method 'tay'; did you mean 'toy"):
+        run(toy_protocol(), methods=["tay"], out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(InputError, match=r"unknown protocol 'quik'; did you mean 'quick'\?"):
+        find_protocol("quik")
+    with pytest.raises(InputError, match=r"metric 'pnsr'; did you mean 'psnr'"):
+        run(toy_protocol(metrics=["pnsr"]), out=tmp_path)
+    with pytest.raises(InputError, match="two metrics have one signature"):
+        run(toy_protocol(metrics=["psnr", "psnr:region=mask"]), out=tmp_path)
+
+
+def test_a_second_picture_that_differs_is_told(fakes, toy_protocol, tmp_path):
+    run(toy_protocol(), methods=["toy-forgetful"], out=tmp_path)
+    assert [cell["same_pixels"] for cell in cells(tmp_path)] == [False, False]
+
+
+def test_losses_are_kept_with_the_prior(fakes, toy_protocol, tmp_path):
+    run(toy_protocol(), out=tmp_path)
+    about = Store(tmp_path).prior(cells(tmp_path)[0]["prior"])
+    assert about["curve"] == [{"step": 1, "loss": 0.5}] and about["train_s"] > 0
+
+
+def test_methods_share_no_cache_by_mesh(fakes, toy_protocol, tmp_path, monkeypatch):
+    """Times of the second method must not profit from what the first computed for the same pose."""
+    seen: dict[str, dict[str, set[int]]] = {"toy": {}, "toy-nan": {}}
+    kept = []
+    real = fakes.ToyAvatar.relight
+
+    def spy(avatar, query):
+        kept.append(query.mesh)  # alive, so that ids stay unique
+        seen[avatar._name].setdefault(query.pose_key, set()).add(id(query.mesh))
+        return real(avatar, query)
+
+    monkeypatch.setattr(fakes.ToyAvatar, "relight", spy)
+    run(toy_protocol(methods=["toy", "toy-nan"]), out=tmp_path)
+    for pose, ids in seen["toy"].items():
+        assert not ids & seen["toy-nan"][pose]
+        assert len(ids) <= 2, "one for the warm-up, one for all queries of the pose"

@@ -1,0 +1,118 @@
+"""The command line: exit codes, one-line errors, and a quick start."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+import handbench.reports
+from handbench.bench import check, run
+from handbench.bench.run import Outcome
+from handbench.cli import main
+from handbench.errors import InputError
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys\n"
+        "from handbench.cli import main\n"
+        "try:\n    main(['--help'])\n"
+        "except SystemExit as stop:\n    assert stop.code == 0\n"
+        "heavy = {'numpy', 'torch', 'rich', 'handbench.scene', 'handbench.methods'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "usage: handbench" in done.stdout
+
+
+def test_list_does_not_load_what_it_lists(capsys):
+    assert main(["list"]) == 0
+    out = capsys.readouterr().out
+    for word in ("quick", "urhand", "lpips-vgg", "openstage"):
+        assert word in out
+    assert main(["list", "methods"]) == 0
+    assert "psnr" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (["run", "quik"], "handbench: unknown protocol 'quik'; did you mean 'quick'?\n"),
+        (["run", "smoke", "--methods", "urhnad"], "handbench: unknown method 'urhnad'; did you mean 'urhand'?\n"),
+        (["check", "ohy"], "handbench: unknown method 'ohy'; known: "),
+        (["data", "make", "openstag"], "handbench: unknown capture 'openstag'; did you mean 'openstage'?\n"),
+        (["run", "absent.toml"], "handbench: protocol file absent.toml cannot be read (No such file or directory)"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(command, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(command) == 2
+    out, err = capsys.readouterr()
+    assert err.startswith(message) and err.count("\n") == 1 and out == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_debug_shows_the_traceback(monkeypatch):
+    monkeypatch.setenv("HANDBENCH_DEBUG", "1")
+    with pytest.raises(InputError):
+        main(["run", "quik"])
+
+
+@pytest.mark.parametrize("arguments", [["--seeds", "a"], ["--seeds", "-1"], ["--methods", ","], ["--fast"]])
+def test_arguments_that_make_no_sense(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["run", "quick", *arguments])
+    assert stop.value.code == 2 and "Traceback" not in capsys.readouterr().err
+
+
+def test_stopping_is_told(monkeypatch, capsys):
+    def stop(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run, "run", stop)
+    assert main(["run", "smoke"]) == 130
+    assert "what was finished is kept" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("crashed", "code"), [((), 0), (("urhand s01 seed 0: crashed",), 1)])
+def test_run_writes_the_report_and_says_where(monkeypatch, capsys, tmp_path, crashed, code):
+    given = []
+
+    def fake(*arguments: object) -> Outcome:
+        given.append(arguments)
+        return Outcome(tmp_path, 3, 2, crashed)
+
+    monkeypatch.setattr(run, "run", fake)
+    monkeypatch.setattr(handbench.reports, "write_reports", lambda folder: {"index.html": folder / "index.html"})
+    monkeypatch.setattr(handbench.reports, "table", lambda folder: "the table")
+    monkeypatch.setattr(handbench.reports, "render_terminal", lambda table: table)
+    assert main(["run", "smoke", "--methods", "mean, phong", "--seeds", "0,2", "--out", str(tmp_path)]) == code
+    protocol, *rest = given[0]
+    assert protocol.name == "smoke" and rest[:4] == [("mean", "phong"), (0, 2), None, tmp_path]
+    out, err = capsys.readouterr()
+    assert "the table" in out and "3 cells computed, 2 reused" in out
+    assert f"report: {tmp_path / 'index.html'}" in out
+    assert ("handbench: urhand s01" in err) == bool(crashed)
+
+
+@pytest.mark.parametrize(("holds", "code"), [(True, 0), (None, 0), (False, 1)])
+def test_a_broken_law_is_exit_code_1(monkeypatch, capsys, holds, code):
+    monkeypatch.setattr(check, "check", lambda *arguments: [check.Verdict("linear", holds, "largest deviation 1e-9")])
+    assert main(["check", "urhand"]) == code
+    assert "largest deviation" in capsys.readouterr().out
+
+
+def test_report_of_a_folder_without_a_run(tmp_path, capsys):
+    assert main(["report", str(tmp_path)]) == 2
+    assert str(tmp_path) in capsys.readouterr().err
+
+
+def test_report_formats(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(handbench.reports, "table", lambda folder: SimpleNamespace(of=folder))
+    monkeypatch.setattr(handbench.reports, "render_latex", lambda table: f"latex of {table.of}\n")
+    assert main(["report", str(tmp_path), "--format", "latex"]) == 0
+    assert capsys.readouterr().out == f"latex of {tmp_path}\n"
