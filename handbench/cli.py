@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from . import __version__
-from .errors import HandbenchError, Unsupported
+from .errors import HandbenchError
 
 _KINDS = ("protocols", "methods", "metrics", "captures")
 _FORMATS = ("terminal", "latex", "csv", "markdown", "html")
@@ -102,23 +102,14 @@ def _data_make(arguments: argparse.Namespace) -> int:
 
 
 def _data_show(arguments: argparse.Namespace) -> int:
+    from .data.contactsheet import summary, write_contact_sheet
     from .registry import CAPTURES
 
-    entry = CAPTURES.entry(arguments.capture)
-    capture = entry.load()(arguments.size, arguments.folder)
-    frames = capture.frames()
-    print(f"{capture.name}: {len(frames)} frames, digest {capture.digest[:16]}")
-    for what, values in {
-        "subjects": [frame.subject for frame in frames],
-        "poses": [f"{frame.pose_name} ({frame.segment})" for frame in frames],
-        "cameras": [f"{f.camera.name} {f.camera.width}x{f.camera.height}" for f in frames],
-        "lightings": [frame.lighting for frame in frames],
-    }.items():
-        print(f"  {what}: {', '.join(dict.fromkeys(values))}")
-    sheet = getattr(importlib.import_module(entry.target.partition(":")[0]), "contact_sheet", None)
-    if sheet is None:
-        raise Unsupported(f"capture {arguments.capture!r} draws no contact sheet")
-    print(sheet(capture, arguments.out or Path(f"{capture.name}.png")))
+    capture = CAPTURES.load(arguments.capture)(arguments.size, arguments.folder)
+    print(summary(capture))
+    path = arguments.out or Path(f"{capture.name}.png")
+    write_contact_sheet(capture, path)
+    print(f"contact sheet: {path}")
     return 0
 
 

@@ -1,0 +1,41 @@
+# `make quick` and `make test` need nothing but Python 3.11 and pip; see CONTRIBUTING.md.
+BIN := .venv/bin
+# One thread a process: the tests run in two processes.
+TEST_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+
+.PHONY: help setup quick test lint format bench data clean
+
+help:
+	@echo "make quick   set up, generate the quick light stage, run the protocol, write the report"
+	@echo "make test    set up, run the tests"
+	@echo "make lint    ruff and mypy          make format  let ruff mend what it can"
+	@echo "make bench   measure speed          make data    generate the quick light stage only"
+	@echo "make clean   remove what was built; results in runs/ and generated data stay"
+
+setup:
+	@bash maintainer/setup.sh
+
+quick: setup
+	$(BIN)/handbench run quick
+
+test: setup
+	$(TEST_ENV) $(BIN)/python -m pytest -n 2
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	bash maintainer/typecheck.sh $(BIN)/mypy
+
+format: setup
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: setup
+	$(BIN)/python -m benchmarks
+
+data: setup
+	$(BIN)/handbench data make openstage --size quick
+
+clean:
+	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	find . -name __pycache__ -not -path './.git/*' -prune -exec rm -rf {} +

@@ -1,0 +1,137 @@
+"""The package as it is built and installed: nothing missing, nothing foreign."""
+
+from __future__ import annotations
+
+import ast
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = ("handbench", "methods", "metrics", "protocols", "reports")
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def _packages() -> set[str]:
+    """The packages that the folders of the checkout make."""
+    found = set()
+    for folder in FOLDERS:
+        for init in (ROOT / folder).rglob("__init__.py"):
+            parts = init.parent.relative_to(ROOT).parts
+            found.add(".".join(parts if folder == "handbench" else ("handbench", *parts)))
+    return found
+
+
+def _modules() -> list[str]:
+    """All modules of the installed package, by name."""
+    found = []
+    for folder in FOLDERS:
+        for path in (ROOT / folder).rglob("*.py"):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            name = ".".join(parts if folder == "handbench" else ("handbench", *parts))
+            found.append(name.removesuffix(".__init__"))
+    return sorted(found)
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of what the checkout builds from."""
+    copy = tmp_path_factory.mktemp("source")
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, copy)
+    for folder in FOLDERS:
+        shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+    return copy
+
+
+@pytest.fixture(scope="module")
+def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    """A wheel built from the copy."""
+    copy = shutil.copytree(source, tmp_path_factory.mktemp("build") / "copy")
+    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(copy / "dist"), str(copy)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    (path,) = (copy / "dist").glob("*.whl")
+    return zipfile.ZipFile(path)
+
+
+def test_every_folder_with_code_is_listed() -> None:
+    assert set(PYPROJECT["tool"]["setuptools"]["packages"]) == _packages()
+
+
+def test_the_wheel_has_one_top_level_name(wheel: zipfile.ZipFile) -> None:
+    tops = {name.split("/")[0] for name in wheel.namelist()}
+    assert {top for top in tops if not top.endswith(".dist-info")} == {"handbench"}
+
+
+def test_the_wheel_holds_all_code_and_data(wheel: zipfile.ZipFile, source: Path) -> None:
+    packed = {name for name in wheel.namelist() if name.startswith("handbench/")}
+    wanted = set()
+    for folder in FOLDERS:
+        for path in (source / folder).rglob("*"):
+            if path.is_file():
+                relative = path.relative_to(source).as_posix()
+                wanted.add(relative if folder == "handbench" else f"handbench/{relative}")
+    assert wanted <= packed, f"not in the wheel: {sorted(wanted - packed)[:5]}; name them in package-data"
+    assert {"handbench/py.typed", "handbench/reports/templates/page.html", "handbench/protocols/quick.toml"} <= packed
+
+
+def test_the_wheel_carries_the_licences(wheel: zipfile.ZipFile) -> None:
+    names = wheel.namelist()
+    assert any(".dist-info/" in name and name.endswith("/LICENSE") for name in names)
+    assert "handbench/metrics/weights/NOTICE" in names
+
+
+def test_no_module_names_pandas_or_a_sibling_by_its_bare_name() -> None:
+    banned = {"pandas", "methods", "metrics", "protocols", "reports", "tests"}
+    for folder in FOLDERS:
+        for path in (ROOT / folder).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text())):
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                if isinstance(node, ast.ImportFrom) and node.level == 0:
+                    names = [node.module or ""]
+                assert not {name.split(".")[0] for name in names} & banned, f"{path} line {getattr(node, 'lineno', 0)}"
+
+
+def test_the_core_imports_no_plug_in_package() -> None:
+    """`handbench/` reaches methods, metrics, protocols and reports through the registry alone."""
+    plug_ins = {f"handbench.{name}" for name in FOLDERS[1:]}
+    for path in (ROOT / "handbench").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                depth = len(path.relative_to(ROOT).parts) - node.level
+                head = (*path.relative_to(ROOT).parts[:depth],) if node.level else ()
+                module = ".".join((*head, node.module))
+                assert ".".join(module.split(".")[:2]) not in plug_ins, f"{path} line {node.lineno}"
+            if isinstance(node, ast.Import):
+                assert not {".".join(alias.name.split(".")[:2]) for alias in node.names} & plug_ins, path
+
+
+def test_importing_everything_loads_no_pandas(tmp_path: Path) -> None:
+    """A pandas is put in the way of every import, so that one that is tried is seen even where none is installed."""
+    (tmp_path / "pandas.py").write_text(
+        "import os\nos.write(1, b'PANDAS LOADED')\nraise ImportError('no pandas here')\n"
+    )
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n" + "".join(f"import {name}\n" for name in _modules())
+    done = subprocess.run([sys.executable, "-c", code + "import open3d"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "PANDAS LOADED" not in done.stdout
+
+
+def test_every_requirement_is_pinned() -> None:
+    """Each dependency has an exact version in constraints.txt that its range in pyproject.toml allows."""
+    from packaging.requirements import Requirement
+
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pins = dict(line.lower().replace("_", "-").split("==") for line in lines if not line.startswith("#"))
+    project = PYPROJECT["project"]
+    for text in (*project["dependencies"], *(t for extra in project["optional-dependencies"].values() for t in extra)):
+        requirement = Requirement(text)
+        if requirement.marker is None or requirement.marker.evaluate({"sys_platform": "linux"}):
+            version = pins.get(requirement.name.lower().replace("_", "-"))
+            assert version is not None and requirement.specifier.contains(version), text
