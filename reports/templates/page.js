@@ -1,0 +1,37 @@
+"use strict";
+// Sort a table by the column whose head is chosen: first the better way round, then the other. Gaps stay last.
+for (const table of document.querySelectorAll("table.sortable")) {
+  const body = table.tBodies[0];
+  const heads = [...table.querySelectorAll("th[data-sort]")];
+  heads.forEach((head, index) => {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.append(...head.childNodes);
+    head.append(button);
+    button.addEventListener("click", () => {
+      const first = head.dataset.sort === "high" ? "descending" : "ascending";
+      const order = head.getAttribute("aria-sort") !== first ? first : first === "ascending" ? "descending" : "ascending";
+      heads.forEach((other) => other.removeAttribute("aria-sort"));
+      head.setAttribute("aria-sort", order);
+      const sign = order === "ascending" ? 1 : -1;
+      const value = (row) => row.cells[index].dataset.value;
+      const compare = (a, b) => {
+        if (a === "" || b === "") return (a === "") - (b === "");
+        return sign * (head.dataset.sort === "text" ? a.localeCompare(b) : Number(a) - Number(b));
+      };
+      body.append(...[...body.rows].sort((a, b) => compare(value(a), value(b))));
+    });
+  });
+}
+// Show one group of columns at a time; on a narrow screen the first one to begin with.
+const picker = document.querySelector(".picker");
+const buttons = [...picker.querySelectorAll("button")];
+function pick(group) {
+  for (const button of buttons) button.setAttribute("aria-pressed", String(button.dataset.group === group));
+  for (const cell of document.querySelectorAll(".results [data-group]")) cell.hidden = group !== "" && cell.dataset.group !== group;
+}
+for (const button of buttons) button.addEventListener("click", () => pick(button.dataset.group));
+picker.hidden = buttons.length < 3;
+if (!picker.hidden && matchMedia("(max-width: 40rem)").matches) pick(buttons[1].dataset.group);
+// Print shows everything.
+addEventListener("beforeprint", () => pick(""));

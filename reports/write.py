@@ -1,0 +1,96 @@
+"""All reports of a run, written when something changed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from itertools import groupby
+from pathlib import Path
+
+import handbench
+from handbench.bench.store import writing
+
+from .build import build
+from .latex import render_latex
+from .run import read_plan, read_run
+from .text import render_csv, render_markdown
+
+STAMP = ".inputs"  # digest of what the reports were made from; written last
+
+
+def write_reports(run_folder: Path) -> dict[str, Path]:
+    """Write `report/` in the run folder: index.html, table.tex, table.csv, table.md and figures/*.png.
+
+    Returns the files by their path inside `report/`. When the run has not changed since the last call,
+    nothing is computed. A file is replaced whole or not at all. Raises `InputError` for a folder without
+    a readable run and `StorageError` if a file cannot be written.
+    """
+    folder = run_folder / "report"
+    digest = _digest(run_folder)
+    written = _written(folder, digest)
+    if written is None:
+        contents = _contents(run_folder)
+        written = sorted(contents)
+        with writing(folder):
+            _write(folder, contents, digest)
+    return {name: folder / name for name in written}
+
+
+def _contents(run_folder: Path) -> dict[str, bytes]:
+    from .figures import panels  # imports matplotlib, which a cached report does without
+    from .page import render_page
+    from .pictures import grid_png
+
+    run = read_run(run_folder)
+    table = build(run)
+    shown = tuple(panels(run))
+    texts = {
+        "index.html": render_page(table, run, shown),
+        "table.tex": render_latex(table),
+        "table.csv": render_csv(table),
+        "table.md": render_markdown(table),
+    }
+    contents = {name: text.encode() for name, text in texts.items()}
+    for kind, of_kind in groupby(shown, key=lambda panel: panel.kind):
+        contents[f"figures/{kind}.png"] = grid_png(tuple(of_kind), table.metrics[0])
+    return contents
+
+
+def _digest(run_folder: Path) -> str:
+    """Of everything a report is made from: the plan, the cells, and the code and templates that show them."""
+    plan = read_plan(run_folder)
+    plan["provenance"].pop("started", None)  # not shown: the same results give the same page
+    digest = hashlib.sha256(json.dumps([handbench.__version__, plan], sort_keys=True).encode())
+    here = Path(__file__).parent
+    cells = (run_folder / "cells" / f"{key}.json" for key in plan["cells"])
+    for path in (*sorted(here.glob("*.py")), *sorted((here / "templates").iterdir()), *cells):
+        digest.update(f"\0{path.name}\0".encode() + (path.read_bytes() if path.is_file() else b""))
+    return digest.hexdigest()
+
+
+def _written(folder: Path, digest: str) -> list[str] | None:
+    """The files of an earlier report of the same digest, or None."""
+    stamp = folder / STAMP
+    if not stamp.is_file():
+        return None
+    found, *names = stamp.read_text().splitlines()
+    return names if found == digest and all((folder / name).is_file() for name in names) else None
+
+
+def _write(folder: Path, contents: dict[str, bytes], digest: str) -> None:
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    for name, content in contents.items():
+        _replace(folder / name, content)
+    for stale in set((folder / "figures").glob("*.png")) - {folder / name for name in contents}:
+        stale.unlink()
+    _replace(folder / STAMP, "\n".join([digest, *sorted(contents)]).encode())
+
+
+def _replace(path: Path, content: bytes) -> None:
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(content)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

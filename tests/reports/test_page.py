@@ -1,0 +1,196 @@
+"""The page and the files beside it."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from handbench.errors import StorageError
+from handbench.reports import write_reports
+from handbench.reports.figures import chosen, panels
+from handbench.reports.run import read_run
+
+VOID = {"meta", "img", "br", "link", "input", "hr"}
+
+
+class _Page(HTMLParser):
+    """Checks that tags close in order, and collects what the tests ask for."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+        assert not self.open, self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def of(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+@pytest.fixture(scope="module")
+def report(whole_run: Path) -> dict[str, Path]:
+    return write_reports(whole_run)
+
+
+@pytest.fixture(scope="module")
+def page(report: dict[str, Path]) -> str:
+    return report["index.html"].read_text()
+
+
+def test_all_files_are_there(report: dict[str, Path]) -> None:
+    figures = [f"figures/{kind}.png" for kind in ("environment", "group", "olat")]
+    assert sorted(report) == [*figures, "index.html", "table.csv", "table.md", "table.tex"]
+    for name in figures:
+        width, height = Image.open(report[name]).size
+        assert width > 800 and height > 800
+
+
+def test_the_page_is_well_formed_and_needs_nothing_else(page: str) -> None:
+    parsed = _Page(page)
+    assert not parsed.of("link") and all("src" not in script for script in parsed.of("script"))
+    assert all((image["src"] or "").startswith("data:image/") for image in parsed.of("img"))
+    assert not re.search(r"https?://|@import|url\(", page)
+
+
+def test_every_picture_has_a_text_and_shows_something(page: str) -> None:
+    images = _Page(page).of("img")
+    # Six frames; truth, and image and error of mean, physical, urhand, and of phong where it has an answer.
+    assert len(images) >= 6 * 7
+    assert all(image["alt"] for image in images)
+    for image in images:
+        picture = Image.open(io.BytesIO(base64.b64decode((image["src"] or "").partition(",")[2])))
+        # The frames are three quarters as wide as tall, and so are the crops.
+        assert picture.size[0] / picture.size[1] == pytest.approx(0.75, abs=0.02)
+        assert np.asarray(picture.convert("L")).max() > 3
+
+
+def test_the_page_says_what_a_reader_must_know(page: str) -> None:
+    for text in (
+        "14 of 15 cells computed",
+        "uncommitted changes",
+        "trained here",
+        "not the authors' code",
+        "Example CPU 9000",
+        "psnr|region:mask|space:srgb",
+        "0123456789abcdef",
+        "16/24",
+        "non-finite: 3 pixels of the answer are NaN",
+        "Physical_BRDF &amp; fit",
+    ):
+        assert text in page, text
+
+
+def test_titles_cannot_break_out_of_the_page(small_run: Path) -> None:
+    path = small_run / "run.json"
+    plan = json.loads(path.read_text())
+    plan["methods"][1]["title"] = "<script>alert(1)</script>"
+    path.write_text(json.dumps(plan))
+    assert "<script>alert" not in write_reports(small_run)["index.html"].read_text()
+
+
+def test_images_are_the_frames_of_median_score(whole_run: Path) -> None:
+    run = read_run(whole_run)
+    found = chosen(run)
+    assert [kind for kind, _ in found] == ["olat", "olat", "group", "group", "environment", "environment"]
+    assert {query.split("/")[0] for _, query in found} == {"s01", "s03"}
+    scores = {}
+    for cell in run.cells:
+        if cell["subject"] == "s03" and not cell["method"]["truth"]:
+            for score in cell["scores"]:
+                if score["metric"].startswith("psnr") and score["kind"] == "group":
+                    scores.setdefault(score["query"], []).append(score["value"])
+    means = {query: np.mean(values) for query, values in scores.items()}
+    assert found[3][1] == sorted(means, key=lambda query: means[query])[len(means) // 2]
+
+
+def test_errors_are_zero_for_the_truth_and_grow_with_bad_methods(whole_run: Path) -> None:
+    for panel in panels(read_run(whole_run)):
+        tiles = {tile.title: tile for tile in panel.tiles}
+        assert "Oracle" not in tiles
+        assert tiles["Mean"].error is not None and tiles["URHand"].error is not None
+        assert tiles["Mean"].error.mean() > tiles["URHand"].error.mean() > 0
+
+
+def test_a_second_call_does_nothing_and_is_quick(small_run: Path) -> None:
+    first = write_reports(small_run)
+    before = {path: path.stat().st_mtime_ns for path in first.values()}
+    start = time.perf_counter()
+    assert write_reports(small_run) == first
+    assert time.perf_counter() - start < 1.0
+    assert {path: path.stat().st_mtime_ns for path in first.values()} == before
+
+
+def test_a_report_is_made_anew_when_a_cell_changes_or_a_file_is_lost(
+    small_run: Path, set_scores: Callable[..., None]
+) -> None:
+    first = write_reports(small_run)["index.html"].read_bytes()
+    write_reports(small_run)["index.html"].unlink()
+    assert write_reports(small_run)["index.html"].read_bytes() == first  # and the same bytes
+    set_scores(small_run, "urhand", psnr=30.0)
+    assert write_reports(small_run)["index.html"].read_bytes() != first
+
+
+def test_a_cached_report_imports_neither_matplotlib_nor_torch(small_run: Path) -> None:
+    write_reports(small_run)
+    code = (
+        "import sys, pathlib; from handbench.reports import write_reports;"
+        f"write_reports(pathlib.Path({str(small_run)!r}));"
+        "print([name for name in ('matplotlib', 'torch', 'jinja2', 'open3d') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=small_run)
+    assert done.stdout.strip() == "[]"
+
+
+def test_without_an_oracle_the_page_says_why_it_has_no_images(small_run: Path) -> None:
+    path = small_run / "run.json"
+    plan = json.loads(path.read_text())
+    plan["methods"] = plan["methods"][1:]
+    path.write_text(json.dumps(plan))
+    files = write_reports(small_run)
+    assert not any(name.startswith("figures") for name in files)
+    assert "No images: the truth is read from the oracle" in files["index.html"].read_text()
+
+
+def test_a_lost_picture_is_told_in_its_place(small_run: Path) -> None:
+    lost = next(cell for cell in read_run(small_run).cells if cell["method"]["name"] == "urhand")
+    shutil.rmtree(small_run / lost["predictions"])
+    assert "does not exist" in write_reports(small_run)["index.html"].read_text()
+
+
+def test_a_full_disk_leaves_the_earlier_report_intact(
+    small_run: Path, set_scores: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = write_reports(small_run)["index.html"].read_bytes()
+    set_scores(small_run, "urhand", psnr=30.0)
+
+    def full(path: Path, content: bytes) -> None:
+        with path.open("wb") as file:
+            file.write(content[: len(content) // 2])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(StorageError, match="disk is full"):
+        write_reports(small_run)
+    assert (small_run / "report" / "index.html").read_bytes() == before
+    assert not list((small_run / "report").rglob("*.part"))
