@@ -13,6 +13,7 @@ from torch.utils.checkpoint import checkpoint
 from ..light.lightset import LightSet, light_samples
 from ..scene import Array
 from .brdf import SHININESS, clamp_roughness, distribution, fresnel, masking
+from .fused import fused_features
 
 __all__ = ["LightSet", "Model", "light_features", "light_samples"]
 
@@ -27,6 +28,9 @@ _LIGHTS = 32
 
 _KEEP = 1 << 22
 """Above this many pairs the backward pass recomputes tiles instead of keeping their buffers (60 bytes a pair)."""
+
+_FUSE = 1 << 20
+"""From this many pairs on the fused kernel, compiled once a shape, beats tiles where no gradient is needed."""
 
 
 def light_features(
@@ -78,6 +82,16 @@ def _sum(
 ) -> Tensor:
     """Both features (2, 3, N) under lights of one kind, tile by tile."""
     count = maps[0].shape[1]
+    tracked = torch.is_grad_enabled() and any(values.requires_grad for values in (where, power, *maps))
+    if (
+        dots is _distant
+        and model == "brdf"
+        and not tracked
+        and len(where) * count >= _FUSE
+        and power.dtype == torch.float32
+    ):
+        normal, view, _, roughness = maps
+        return fused_features((normal, *_tangents(normal)), view, roughness, where, power, seen)
     step = max(1, _PAIRS // min(_LIGHTS, len(where)))
     keep = not torch.is_grad_enabled() or len(where) * count <= _KEEP
     tiles = []

@@ -1,0 +1,110 @@
+"""Which Mitsuba variant this machine can run: the vectorised one needs an LLVM library that works.
+
+A wrong LLVM does not raise: version 15 aborts the whole process when the principled BSDF is compiled. Each
+candidate is therefore tried in a process of its own, once, and the verdict is kept on disk.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+VECTORISED = "llvm_ad_rgb"
+SCALAR = "scalar_rgb"
+
+_PATTERNS = (  # under /
+    "usr/lib/*/libLLVM*.so*",
+    "usr/lib/llvm*/lib/libLLVM*.so*",
+    "usr/lib64/libLLVM*.so*",
+    "usr/local/lib/libLLVM*.so*",
+    "opt/homebrew/opt/llvm*/lib/libLLVM*.dylib",
+    "usr/local/opt/llvm*/lib/libLLVM*.dylib",
+)
+
+_PROBE = """
+import mitsuba as mi
+mi.set_variant("llvm_ad_rgb")
+scene = mi.load_dict({
+    "type": "scene", "integrator": {"type": "path"}, "light": {"type": "constant"},
+    "sensor": {"type": "perspective", "film": {"type": "hdrfilm", "width": 4, "height": 4}},
+    "shape": {"type": "sphere", "center": [0, 0, 4], "bsdf": {"type": "principled", "roughness": 0.4}},
+})
+assert mi.TensorXf(mi.render(scene, spp=1)).numpy().mean() > 0.1
+print("works")
+"""
+
+
+def choose_variant() -> str:
+    """The fastest Mitsuba variant that works here: "llvm_ad_rgb", or "scalar_rgb" with a message on stderr.
+
+    Sets `DRJIT_LIBLLVM_PATH` for this process. The path a user has set is tried first. Must be called before
+    Mitsuba's vectorised variant is used for the first time.
+    """
+    verdicts = _read_verdicts()
+    for library in _candidates():
+        key = f"{library}|{Path(library).stat().st_mtime_ns}|mitsuba {version('mitsuba')}"
+        if key not in verdicts:
+            verdicts[key] = _works(library)
+            _write_verdicts(verdicts)
+        if verdicts[key]:
+            os.environ["DRJIT_LIBLLVM_PATH"] = library
+            return VECTORISED
+    print(
+        "path tracing with scalar_rgb, several times slower: no working LLVM library was found; "
+        "install libllvm19 (apt install libllvm19) or set DRJIT_LIBLLVM_PATH",
+        file=sys.stderr,
+    )
+    return SCALAR
+
+
+def _candidates() -> list[str]:
+    """Real paths of LLVM libraries: the user's choice first, then newest version first."""
+    chosen = os.environ.get("DRJIT_LIBLLVM_PATH", "")
+    found = {str(path.resolve()) for pattern in _PATTERNS for path in Path("/").glob(pattern)}
+    ordered = sorted(found, key=_library_version, reverse=True)
+    if chosen and Path(chosen).is_file():
+        ordered = [chosen, *(path for path in ordered if path != str(Path(chosen).resolve()))]
+    return ordered
+
+
+def _library_version(path: str) -> tuple[int, ...]:
+    """(19, 1) of "…/libLLVM.so.19.1", from the file's name or else its folder's."""
+    numbers = re.findall(r"\d+", Path(path).name) or re.findall(r"llvm\D*(\d+)", path)
+    return tuple(int(n) for n in numbers)
+
+
+def _works(library: str) -> bool:
+    environment = {**os.environ, "DRJIT_LIBLLVM_PATH": library}
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _PROBE], env=environment, capture_output=True, text=True, timeout=120, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0 and "works" in done.stdout
+
+
+def _verdict_file() -> Path:
+    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(cache) / "handbench" / "llvm.json"
+
+
+def _read_verdicts() -> dict[str, bool]:
+    try:
+        return dict(json.loads(_verdict_file().read_text()))
+    except (OSError, ValueError):
+        return {}
+
+
+def _write_verdicts(verdicts: dict[str, bool]) -> None:
+    """Keep the verdicts; a folder that cannot be written only means probing again next time."""
+    try:
+        _verdict_file().parent.mkdir(parents=True, exist_ok=True)
+        _verdict_file().write_text(json.dumps(verdicts, indent=1))
+    except OSError:
+        pass
