@@ -1,0 +1,31 @@
+"""A capture: what was recorded, frame by frame, and the way to its images."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+
+from ..method import Recording
+from ..scene import Frame, Observation
+
+
+class Capture(ABC):
+    """Recorded frames of some subjects. Frames are light; `observe` reads images.
+
+    `digest` identifies the content: captures of equal digest give equal pixels.
+    """
+
+    name: str
+    digest: str
+
+    @abstractmethod
+    def frames(self) -> tuple[Frame, ...]:
+        """All frames in a fixed order; `Frame.key` is unique."""
+
+    @abstractmethod
+    def observe(self, frame: Frame) -> Observation:
+        """The images of a frame. Raises `InputError` if a file is missing, damaged or of the wrong size."""
+
+    def recording(self, frames: Iterable[Frame]) -> Recording:
+        """The given frames as a method sees them."""
+        return Recording(frames, self.observe)

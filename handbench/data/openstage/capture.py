@@ -1,0 +1,108 @@
+"""Reader of an open light stage folder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...scene import Array, Camera, Directional, Environment, Frame, Group, Light, Mesh, Observation, Pose, Topology
+from ..capture import Capture
+from ..exr import read_exr, stack
+from .presets import SCHEMA
+
+_CACHED_IMAGES = 1500  # single-light images kept in memory as half floats, about 150 kB each at `quick`
+
+
+class OpenStage(Capture):
+    """A generated capture; groups and fully lit frames are the exact weighted sums of single-light images."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        path = folder / "capture.json"
+        try:
+            text = path.read_text()
+            self._manifest: dict[str, Any] = json.loads(text)
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path} cannot be read ({error}); make the capture again") from error
+        schema = self._manifest.get("schema")
+        if schema != SCHEMA:
+            raise InputError(f"{path} has schema {schema}, this version reads {SCHEMA}; make the capture again")
+        self.name = f"openstage-{self._manifest['preset']['name']}"
+        self.digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+        self._weights = {
+            entry["name"]: np.asarray(entry["weights"])
+            for entry in self._manifest["lightings"]
+            if entry["weights"] is not None
+        }
+        self._frames = tuple(self._build())
+        self._read = lru_cache(_CACHED_IMAGES)(self._read_image)
+        self._geometry = lru_cache(256)(self._read_geometry)
+
+    def frames(self) -> tuple[Frame, ...]:
+        return self._frames
+
+    def observe(self, frame: Frame) -> Observation:
+        camera = frame.camera
+        folder = f"{frame.subject}/{frame.pose_name}/{camera.name}"
+        if frame.lighting in self._weights:
+            weights = self._weights[frame.lighting]
+            image = np.zeros((camera.height, camera.width, 3), np.float32)
+            for i in np.flatnonzero(weights):
+                image += np.float32(weights[i]) * self._read(f"{folder}/olat-{i:02d}.exr", camera.height, camera.width)
+        else:
+            image = self._read(f"{folder}/{frame.lighting}.exr", camera.height, camera.width).astype(np.float32)
+        return Observation(image, *self._geometry(f"{folder}/geometry.exr", camera.height, camera.width))
+
+    def _read_image(self, name: str, height: int, width: int) -> Array:
+        path = self.folder / name
+        return _sized(stack(read_exr(path), ("R", "G", "B"), path), height, width, path).astype(np.float16)
+
+    def _read_geometry(self, name: str, height: int, width: int) -> tuple[Array, Array, Array, Array]:
+        path = self.folder / name
+        channels = read_exr(path)
+        alpha = _sized(stack(channels, ("A",), path), height, width, path)[..., 0]
+        normal = stack(channels, ("normal.X", "normal.Y", "normal.Z"), path)
+        return alpha, normal, stack(channels, ("depth.Z",), path)[..., 0], stack(channels, ("uv.U", "uv.V"), path)
+
+    def _build(self) -> list[Frame]:
+        manifest = self._manifest
+        with np.load(self.folder / "topology.npz") as data:
+            topology = Topology(data["faces"], data["uvs"], data["uv_faces"])
+        cameras = [Camera(**{**c, "K": np.asarray(c["K"])}) for c in manifest["cameras"]]
+        olats = [Directional(np.asarray(o["direction"]), np.asarray(o["irradiance"])) for o in manifest["olat"]]
+        lights = [(e["name"], e["kind"], self._light(e["name"], e["weights"], olats)) for e in manifest["lightings"]]
+        frames = []
+        for person in manifest["subjects"]:
+            for act in person["poses"]:
+                path = self.folder / person["name"] / act["name"] / "tracked.npy"
+                try:
+                    mesh = Mesh(np.load(path), topology)
+                except (OSError, ValueError) as error:
+                    raise InputError(f"tracked mesh {path} cannot be read ({error}); make the capture again") from error
+                pose = Pose(act["joints"], act["rotation"], act["translation"])
+                frames += [
+                    Frame(person["name"], act["name"], name, pose, mesh, camera, light, act["segment"], kind)
+                    for camera in cameras
+                    for name, kind, light in lights
+                ]
+        return frames
+
+    def _light(self, name: str, weights: list[float] | None, olats: list[Directional]) -> Light:
+        if weights is None:
+            path = self.folder / "environments" / f"{name}.exr"
+            return Environment(name.removeprefix("env-"), stack(read_exr(path), ("R", "G", "B"), path))
+        members = tuple(olat.scaled(w) if w != 1 else olat for olat, w in zip(olats, weights, strict=True) if w > 0)
+        return members[0] if len(members) == 1 else Group(members)
+
+
+def _sized(image: Array, height: int, width: int, path: Path) -> Array:
+    if image.shape[:2] != (height, width):
+        got = f"{image.shape[1]}x{image.shape[0]}"
+        raise InputError(f"image {path} is {got}, its camera says {width}x{height}; make the capture again")
+    return image

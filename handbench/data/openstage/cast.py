@@ -1,0 +1,78 @@
+"""Who stands on the open light stage: subjects with their identity and skin, and the poses they take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...hand import Identity, OpenHand, named_pose, sample_pose
+from ...hand.collision import relaxed
+from ...scene import Pose
+from .presets import Preset
+from .skin import SkinLook
+
+_LOOKS = (  # melanin, haemoglobin, freckles, polish, tattoo: tones from very light to very dark, then repeated
+    (0.26, 0.50, 0.3, None, None),
+    (0.74, 0.45, 0.1, None, None),
+    (0.42, 0.55, 0.2, (0.45, 0.02, 0.04), None),
+    (0.60, 0.50, 0.1, None, "mandala"),
+    (0.05, 0.60, 0.8, None, None),
+    (1.0, 0.40, 0.0, None, None),
+)
+_POLISH = ((0.02, 0.06, 0.30), (0.02, 0.02, 0.02), (0.30, 0.05, 0.20))
+_TATTOOS = ("star", "mandala")
+
+
+@dataclass(frozen=True)
+class Subject:
+    name: str
+    identity: Identity
+    look: SkinLook
+
+
+@dataclass(frozen=True)
+class Performance:
+    """A pose of a subject: which segment it belongs to, and its joint rotations and placement."""
+
+    name: str
+    segment: str
+    pose: Pose
+
+
+def cast(preset: Preset, hand: OpenHand) -> list[tuple[Subject, tuple[Performance, ...]]]:
+    """The preset's subjects with their poses; the same name is the same person in every size."""
+    people = [_subject(i, hand) for i in range(preset.subjects)]
+    return [(person, _performances(preset, hand, person)) for person in people]
+
+
+def _subject(index: int, hand: OpenHand) -> Subject:
+    rng = np.random.default_rng([2401, index])
+    melanin, haemoglobin, freckles, polish, tattoo = _LOOKS[index % len(_LOOKS)]
+    if index >= len(_LOOKS):  # beyond the declared six, every tone comes back with other details
+        melanin = float(np.clip(melanin + rng.uniform(-0.12, 0.12), 0.0, 1.0))
+        polish = _POLISH[index % len(_POLISH)] if rng.random() < 0.25 else None
+        tattoo = _TATTOOS[index % len(_TATTOOS)] if rng.random() < 0.25 else None
+    look = SkinLook(
+        melanin=melanin,
+        haemoglobin=haemoglobin,
+        freckles=freckles,
+        creases=float(rng.uniform(0.7, 1.2)),
+        roughness=float(rng.uniform(0.40, 0.52)),
+        polish=polish,
+        tattoo=tattoo,
+        seed=index,
+    )
+    return Subject(f"s{index + 1:02d}", hand.sample_identity(rng), look)
+
+
+def _performances(preset: Preset, hand: OpenHand, subject: Subject) -> tuple[Performance, ...]:
+    """A neutral pose first, then poses of the subject's own without collisions, each placed a little differently."""
+    found = []
+    for k in range(preset.train_poses + preset.held_out_poses):
+        rng = np.random.default_rng([1005, subject.look.seed, k])
+        pose = named_pose("rest") if k == 0 else relaxed(hand, subject.identity, sample_pose(rng))
+        rotation = rng.normal(0.0, np.radians([7.0, 16.0, 6.0])) if k else np.zeros(3)
+        segment = "train" if k < preset.train_poses else "held-out"
+        found.append(Performance(f"pose-{k}", segment, Pose(pose.joints, rotation, np.zeros(3))))
+    return tuple(found)

@@ -1,0 +1,202 @@
+"""The open light stage: declared recipes, exact sums, resumable generation, damage named."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handbench.data.capture import Capture
+from handbench.data.contactsheet import contact_sheet, summary, to_display
+from handbench.data.exr import rgb, write_exr
+from handbench.data.openstage import PRESETS, capture_folder, open_capture, preset
+from handbench.data.openstage.capture import OpenStage
+from handbench.data.openstage.make import TRACKING_NOISE, make, smooth_noise
+from handbench.data.openstage.stage import ENVIRONMENT_IRRADIANCE, lightings
+from handbench.errors import InputError, StorageError
+from handbench.hand import OpenHand
+from handbench.light.environment import solid_angles
+from handbench.render.raster import rasterise
+from handbench.scene import Environment, leaves
+
+TINY = replace(
+    PRESETS["mini"], subjects=1, train_poses=1, held_out_poses=0, lights=4, held_out_lights=1, environments=("hall",)
+)
+TINY = replace(TINY, height=32, width=24, spp=4, truth_level=1, skin_size=128)
+
+
+@pytest.fixture(scope="module")
+def mini() -> Capture:
+    return open_capture("mini")
+
+
+def test_presets_meet_their_promises() -> None:
+    quick = preset("quick")
+    assert quick.subjects >= 6 and quick.train_poses + quick.held_out_poses >= 6 and len(quick.cameras) >= 3
+    assert quick.lights >= 24 and quick.held_out_lights >= 6 and len(quick.environments) >= 6
+    assert len({p.recipe for p in PRESETS.values()}) == len(PRESETS)
+    assert replace(quick, spp=quick.spp + 1).recipe != quick.recipe
+    with pytest.raises(InputError, match="did you mean 'quick'"):
+        preset("quik")
+
+
+def test_mini_ships_small_and_of_this_recipe() -> None:
+    folder = capture_folder("mini")
+    assert sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) <= 6e6
+    assert json.loads((folder / "capture.json").read_text())["recipe"] == preset("mini").recipe
+
+
+def test_frames_are_named_once_and_cover_everything(mini: Capture) -> None:
+    frames = mini.frames()
+    assert len({frame.key for frame in frames}) == len(frames)
+    assert {frame.kind for frame in frames} == {"olat", "group", "full", "environment"}
+    assert {frame.segment for frame in frames} == {"train", "held-out"}
+    for segment in ("train", "held-out"):
+        assert {f.subject for f in frames if f.segment == segment} == {"s01", "s02"}
+
+
+def test_groups_and_fully_lit_frames_are_exact_sums_of_single_lights(mini: Capture) -> None:
+    frames = [f for f in mini.frames() if f.pose_key == "s01/pose-1" and f.camera.name == "dorsal"]
+    single = {tuple(f.light.direction): (f, mini.observe(f).image) for f in frames if f.kind == "olat"}
+    checked = 0
+    for frame in frames:
+        if frame.kind in ("group", "full"):
+            expected = sum(
+                np.float32(leaf.irradiance[0] / single[tuple(leaf.direction)][0].light.irradiance[0])
+                * single[tuple(leaf.direction)][1]
+                for leaf in leaves(frame.light)
+            )
+            assert np.allclose(mini.observe(frame).image, expected, rtol=1e-5, atol=1e-7)
+            checked += 1
+    assert checked == 3
+
+
+def test_held_out_lights_are_in_no_group(mini: Capture) -> None:
+    held_out = {tuple(f.light.direction) for f in mini.frames() if f.lighting in ("olat-06", "olat-07")}
+    grouped = {tuple(leaf.direction) for f in mini.frames() if f.kind == "group" for leaf in leaves(f.light)}
+    assert len(held_out) == 2 and not held_out & grouped
+
+
+def test_geometry_channels_agree_with_the_tracked_mesh(mini: Capture) -> None:
+    frame = next(f for f in mini.frames() if f.key == "s01/pose-0/dorsal/full")
+    seen = mini.observe(frame)
+    drawn = rasterise(frame.mesh, frame.camera)
+    inside = (seen.alpha > 0.999) & (drawn.alpha > 0.999)
+    assert inside.sum() > 1000
+    assert abs(float(seen.alpha.mean() - drawn.alpha.mean())) < 0.003
+    assert np.allclose(np.linalg.norm(seen.normal[inside], axis=-1), 1.0, atol=2e-3)
+    depth = drawn.mean(drawn.depth[:, None])[..., 0]
+    assert np.median(np.abs(seen.depth[inside] - depth[inside])) < 1e-3
+    normal = drawn.mean(drawn.normal)
+    assert np.median((seen.normal * normal).sum(-1)[inside]) > 0.95
+    uv = drawn.mean(drawn.uv)
+    assert np.median(np.abs(seen.uv[inside] - uv[inside])) < 0.01
+
+
+def test_the_tracked_mesh_is_coarser_and_off_by_less_than_a_millimetre() -> None:
+    hand = OpenHand.load()
+    noise = smooth_noise(hand.topology(1), len(hand.rest_position(1)), np.random.default_rng(0))
+    length = np.linalg.norm(noise, axis=1)
+    assert np.isclose(np.sqrt((length**2).mean()), TRACKING_NOISE)
+    assert length.max() < 1e-3
+    assert all(p.tracked_level < p.truth_level for p in PRESETS.values())
+
+
+def test_environments_are_exposed_alike() -> None:
+    for light in lightings(preset("mini")):
+        if light.kind == "environment":
+            assert isinstance(light.light, Environment)
+            radiance = light.light.radiance
+            power = (radiance * solid_angles(*radiance.shape[:2])[..., None]).sum() / 3
+            assert np.isclose(power / 4, ENVIRONMENT_IRRADIANCE, rtol=1e-3)
+
+
+def test_generation_resumes_after_a_kill_and_costs_nothing_twice(tmp_path: Path) -> None:
+    folder = tmp_path / "capture"
+
+    def killed(step: int, total: int, **values: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make(TINY, folder, killed)
+    assert not (folder / "capture.json").exists()
+    first = folder / "s01" / "pose-0" / "dorsal" / "geometry.exr"
+    stamp = first.stat().st_mtime_ns
+    assert not (folder / "s01" / "pose-0" / "palmar").exists()
+    make(TINY, folder)
+    assert first.stat().st_mtime_ns == stamp
+    capture = OpenStage(folder)
+    assert len(capture.frames()) == 2 * (4 + 1 + 1 + 1)
+    assert not list(folder.rglob("*.part"))
+    assert capture.digest == OpenStage(folder).digest
+
+
+def test_generation_repeats(tmp_path: Path) -> None:
+    one, two = tmp_path / "one", tmp_path / "two"
+    make(TINY, one)
+    make(TINY, two)
+    files = sorted(path.relative_to(one) for path in one.rglob("*") if path.is_file())
+    assert files == sorted(path.relative_to(two) for path in two.rglob("*") if path.is_file())
+    first, second = (OpenStage(folder) for folder in (one, two))
+    assert first.digest == second.digest
+    for a, b in zip(first.frames(), second.frames(), strict=True):
+        assert np.allclose(first.observe(a).image, second.observe(b).image, rtol=2e-3, atol=1e-3)
+
+
+def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(StorageError, match="cannot be written"):
+        make(TINY, blocked / "capture")
+
+
+def test_a_full_disk_is_refused_before_work_starts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10, 10, 0))
+    with pytest.raises(StorageError, match=r"0\.00 GB free"):
+        make(TINY, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    return Path(shutil.copytree(capture_folder("mini"), tmp_path / "mini"))
+
+
+def test_an_image_of_the_wrong_size_is_named(copy: Path) -> None:
+    write_exr(copy / "s01" / "pose-0" / "dorsal" / "olat-00.exr", rgb(np.zeros((10, 20, 3))))
+    capture = OpenStage(copy)
+    frame = next(f for f in capture.frames() if f.lighting == "olat-00")
+    with pytest.raises(InputError, match=r"olat-00\.exr is 20x10, its camera says 96x128"):
+        capture.observe(frame)
+
+
+def test_a_damaged_environment_is_named(copy: Path) -> None:
+    write_exr(copy / "environments" / "env-hall.exr", rgb(np.full((4, 8, 3), -1.0)))
+    with pytest.raises(InputError, match="environment 'hall': radiance has negative values"):
+        OpenStage(copy)
+
+
+def test_a_capture_of_another_version_is_refused(copy: Path) -> None:
+    path = copy / "capture.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "schema": 99}))
+    with pytest.raises(InputError, match="schema 99"):
+        OpenStage(copy)
+    path.write_text("{")
+    with pytest.raises(InputError, match="cannot be read"):
+        OpenStage(copy)
+
+
+def test_the_contact_sheet_shows_every_row_and_column(mini: Capture) -> None:
+    sheet = np.asarray(contact_sheet(mini, cell_height=32))
+    rows, columns = 2 * 2, 3 * 4
+    cell = sheet[40 : 40 + rows * 35, 64 : 64 + columns * 27].reshape(rows, 35, columns, 27, 3)[:, :32, :, :24]
+    assert (cell.max(axis=(1, 3, 4)) > 60).all()  # a hand in every cell
+    assert "s01, s02" in summary(mini)
+
+
+def test_display_is_srgb() -> None:
+    assert to_display(np.array([0.0, 0.0031308, 0.2140411, 1.0, 7.0])).tolist() == [0, 10, 127, 255, 255]
