@@ -1,0 +1,19 @@
+"""The relighting methods that come with handbench; `ENTRIES` is the table the harness reads."""
+
+from handbench.registry import Entry
+
+ENTRIES: tuple[Entry, ...] = (
+    Entry("oracle", "handbench.methods.oracle:create", "the path-traced truth fed back: perfect, or the run is wrong"),
+    Entry("mean", "handbench.methods.mean:create", "mean texture under the mean light: the floor"),
+    Entry(
+        "phong", "handbench.methods.phong:create", "mean texture, Phong reflectance, fitted on the training subjects"
+    ),
+    Entry(
+        "physical",
+        "handbench.methods.physical:create",
+        "mean texture, the parametric BRDF of URHand on the coarse mesh",
+    ),
+    Entry(
+        "urhand", "handbench.methods.urhand:create", "URHand: physical branch, neural branch, linear lighting network"
+    ),
+)

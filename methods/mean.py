@@ -1,0 +1,77 @@
+"""The mean predictor: the mean texture under the mean light, whatever light is asked for. The floor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from handbench.data.texture import mean_texture
+from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
+from handbench.render.posed import raster
+from handbench.scene import Prediction, Query
+
+from .nets.weights import load_state, save_state
+from .picture import prediction
+
+TEXTURE = 128
+
+
+class MeanAvatar(Avatar):
+    def __init__(self, texture: torch.Tensor) -> None:
+        self._texture = texture
+
+    def relight(self, query: Query) -> Prediction:
+        return prediction(raster(query.mesh, query.camera), self._texture)
+
+
+class MeanPrior(Prior):
+    """`exposure`: how bright the training frames are beside the fully lit ones."""
+
+    def __init__(self, exposure: float) -> None:
+        self.exposure = exposure
+
+    def personalise(self, enrolment: Recording, seed: int = 0) -> Avatar:
+        return MeanAvatar(self.exposure * mean_texture(enrolment, TEXTURE).texture)
+
+    def save(self, folder: Path) -> None:
+        save_state(folder, "mean", {}, {"exposure": torch.tensor(self.exposure, dtype=torch.float64)})
+
+
+class Mean(Method):
+    info = MethodInfo(
+        name="mean",
+        title="Mean predictor",
+        summary="mean texture under the mean light",
+        universal=True,
+        lights=frozenset({"directional", "point", "environment"}),
+        fidelity="calibration: the floor",
+    )
+
+    @property
+    def config(self) -> dict[str, Any]:
+        return {"texture": TEXTURE}
+
+    def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
+        """The mean radiance of the hand in relit frames over that in fully lit frames."""
+        relit = _mean_radiance(recording.of_kind("olat", "group"))
+        full = _mean_radiance(recording.of_kind("full"))
+        return MeanPrior(relit / full)
+
+    def load(self, folder: Path) -> Prior:
+        return MeanPrior(float(load_state(folder, "mean", {})["exposure"]))
+
+
+def _mean_radiance(recording: Recording) -> float:
+    total = coverage = 0.0
+    for frame in recording.frames:
+        observation = recording.observe(frame)
+        total += float(observation.image.sum(dtype="float64"))
+        coverage += 3.0 * float(observation.alpha.sum(dtype="float64"))
+    return total / coverage
+
+
+def create(preset: str = "quick") -> Method:
+    """The mean predictor; every preset is the same."""
+    return Mean()

@@ -1,0 +1,44 @@
+"""Weights on disk: safetensors beside the configuration they belong to; loading never unpickles."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from handbench.errors import InputError
+
+SCHEMA = 1
+_FILE = "weights.safetensors"
+
+
+def save_state(folder: Path, method: str, config: Mapping[str, Any], state: Mapping[str, Tensor]) -> None:
+    """Write tensors and the configuration of a method into a folder."""
+    metadata = {"schema": str(SCHEMA), "method": method, "config": json.dumps(config, sort_keys=True)}
+    save_file({name: tensor.contiguous() for name, tensor in state.items()}, folder / _FILE, metadata)
+
+
+def load_state(folder: Path, method: str, config: Mapping[str, Any]) -> dict[str, Tensor]:
+    """The tensors that `save_state` wrote.
+
+    Raises `InputError` if the file is missing, damaged, or of another method, version or configuration.
+    """
+    path = folder / _FILE
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+        state = load_file(path)
+    except (OSError, SafetensorError) as error:
+        raise InputError(f"weights {path} cannot be read ({error}); train again") from error
+    if metadata.get("schema") != str(SCHEMA) or metadata.get("method") != method:
+        found = f"{metadata.get('method')!r} of schema {metadata.get('schema')}"
+        raise InputError(f"weights {path} are of {found}, expected {method!r} of schema {SCHEMA}; train again")
+    wanted = json.dumps(config, sort_keys=True)
+    if metadata.get("config") != wanted:
+        raise InputError(f"weights {path} were trained with {metadata.get('config')}, asked for {wanted}; train again")
+    return state

@@ -1,0 +1,22 @@
+"""Phong reflectance on the tracked mesh, with fitted scales."""
+
+from __future__ import annotations
+
+from handbench.method import Method, MethodInfo
+
+from . import reflectance
+
+INFO = MethodInfo(
+    name="phong",
+    title="Phong",
+    summary="mean texture and Phong reflectance on the tracked mesh",
+    universal=True,
+    linear=True,
+    lights=frozenset({"directional", "point", "environment"}),
+    fidelity="reference: no learned network",
+)
+
+
+def create(preset: str = "quick") -> Method:
+    """The method at a preset."""
+    return reflectance.create(INFO, "phong", preset)

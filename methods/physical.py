@@ -1,0 +1,22 @@
+"""The parametric BRDF of URHand (supp. Eqs. 1-6) on the tracked mesh, with one fitted roughness."""
+
+from __future__ import annotations
+
+from handbench.method import Method, MethodInfo
+
+from . import reflectance
+
+INFO = MethodInfo(
+    name="physical",
+    title="Physical BRDF",
+    summary="mean texture and the parametric BRDF on the tracked mesh",
+    universal=True,
+    linear=True,
+    lights=frozenset({"directional", "point", "environment"}),
+    fidelity="reference: no learned network",
+)
+
+
+def create(preset: str = "quick") -> Method:
+    """The method at a preset."""
+    return reflectance.create(INFO, "brdf", preset)

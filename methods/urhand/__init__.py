@@ -1,0 +1,5 @@
+"""URHand: universal relightable hands."""
+
+from .method import create
+
+__all__ = ["create"]

@@ -1,0 +1,110 @@
+"""URHand behind the one interface: a universal prior, personalised by a mean texture."""
+
+from __future__ import annotations
+
+import json
+from collections import OrderedDict
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from handbench.errors import InputError
+from handbench.light.lightset import light_samples
+from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
+from handbench.render.posed import PosedSurface, raster
+from handbench.scene import Mesh, Prediction, Query
+
+from ..nets.weights import load_state, save_state
+from ..picture import prediction
+from ..reflectance import normalised_texture
+from .config import Config, configuration
+from .model import Material, URHandModel
+from .training import train
+
+_KEPT_POSES = 8
+
+INFO = MethodInfo(
+    name="urhand",
+    title="URHand",
+    summary="universal prior: physical branch, neural branch with a linear lighting network",
+    universal=True,
+    linear=True,
+    lights=frozenset({"directional", "point", "environment"}),
+    fidelity="faithful reimplementation trained here on open data; image loss without perceptual and adversarial terms",
+)
+
+
+class URHandAvatar(Avatar):
+    """A subject: the shared networks and its own mean texture. Materials of the last few poses are kept."""
+
+    def __init__(self, model: URHandModel, texture: Tensor) -> None:
+        self._model, self._texture = model, texture
+        self._materials: OrderedDict[Mesh, Material] = OrderedDict()
+
+    @torch.inference_mode()
+    def relight(self, query: Query) -> Prediction:
+        model, config = self._model, self._model.config
+        posed = PosedSurface.of(query.mesh, config.texture)
+        material = self._material(query, posed)
+        lights = light_samples(query.light, config.environment)
+        features = model.features(material, posed, query.camera.centre, lights, posed.visibility(lights))
+        colour, _ = model.colour(features, material, self._texture, posed.atlas)
+        return prediction(raster(query.mesh, query.camera), posed.atlas.dilate(posed.atlas.scatter(colour)))
+
+    def _material(self, query: Query, posed: PosedSurface) -> Material:
+        if query.mesh not in self._materials:
+            joints = torch.from_numpy(query.pose.joints.copy()).float()
+            self._materials[query.mesh] = self._model.material(self._texture, joints, posed)
+            if len(self._materials) > _KEPT_POSES:
+                self._materials.popitem(last=False)
+        return self._materials[query.mesh]
+
+
+class URHandPrior(Prior):
+    def __init__(self, model: URHandModel, joints: int, curve: dict[str, list[float]]) -> None:
+        self.model = model.eval()
+        self.joints = joints
+        self.curve = curve
+
+    def personalise(self, enrolment: Recording, seed: int = 0) -> Avatar:
+        return URHandAvatar(self.model, normalised_texture(enrolment, self.model.config.texture))
+
+    def save(self, folder: Path) -> None:
+        state = {**self.model.state_dict(), "joints": torch.tensor(self.joints)}
+        save_state(folder, INFO.name, asdict(self.model.config), state)
+        (folder / "loss.json").write_text(json.dumps(self.curve))
+
+
+class URHand(Method):
+    info = INFO
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+
+    @property
+    def config(self) -> dict[str, Any]:
+        return asdict(self._config)
+
+    def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
+        if not recording.frames:
+            raise InputError("urhand: there are no training frames; check the protocol's [train] selection")
+        joints = len(recording.frames[0].pose.joints)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            model = URHandModel(self._config, joints)
+        return URHandPrior(model, joints, train(model, recording, seed, progress))
+
+    def load(self, folder: Path) -> Prior:
+        state = load_state(folder, INFO.name, asdict(self._config))
+        joints = int(state.pop("joints"))
+        model = URHandModel(self._config, joints)
+        model.load_state_dict(state)
+        return URHandPrior(model, joints, json.loads((folder / "loss.json").read_text()))
+
+
+def create(preset: str = "quick") -> Method:
+    """URHand at a preset."""
+    return URHand(configuration(preset))

@@ -1,0 +1,85 @@
+"""Methods without a network: fitted reflectance, the mean predictor and the oracle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handbench.errors import Unsupported
+from handbench.method import Recording
+from handbench.methods import mean, oracle, phong, physical
+from handbench.methods.reflectance import _fit, full_exposure, normalised_texture
+from handbench.scene import Frame, Group
+
+
+def test_the_fit_recovers_its_scales() -> None:
+    rng = np.random.default_rng(0)
+    pictures = [rng.random((50, 2)) for _ in range(3)]
+    error, scales = _fit(iter([(p, p @ [0.8, 0.3]) for p in pictures]))
+    assert np.allclose(scales, (0.8, 0.3)) and abs(error) < 1e-12
+
+
+def test_the_fit_never_gives_a_negative_scale() -> None:
+    rng = np.random.default_rng(0)
+    pictures = rng.random((50, 2))
+    _, scales = _fit(iter([(pictures, pictures @ [0.8, -0.3])]))
+    assert scales[1] == 0.0 and scales[0] > 0
+
+
+@pytest.mark.parametrize("module", [physical, phong])
+def test_reflectance_is_near_the_truth_and_better_than_the_mean(
+    module, training: Recording, enrolment: Recording, mini
+) -> None:
+    frames = [f for f in mini.frames() if f.subject == "s02" and f.segment == "held-out" and f.kind == "group"]
+    avatars = [method.create().train(training).personalise(enrolment) for method in (module, mean)]
+    errors = [np.mean([_error(avatar, mini, frame) for frame in frames]) for avatar in avatars]
+    assert errors[0] < 0.7 * errors[1]
+
+
+def _error(avatar, mini, frame: Frame) -> float:
+    return float(np.abs(avatar.relight(frame).image - mini.observe(frame).image).mean())
+
+
+@pytest.mark.parametrize("module", [physical, phong])
+def test_reflectance_is_linear_in_light(module, training: Recording, enrolment: Recording, mini) -> None:
+    avatar = module.create().train(training).personalise(enrolment)
+    frames = {f.lighting: f for f in mini.frames() if f.subject == "s02" and f.camera.name == "palmar"}
+    one, two = frames["olat-03"], frames["env-hall"]
+    both = replace(one, light=Group((one.light.scaled(2.0), two.light.scaled(0.5))))
+    expected = 2.0 * avatar.relight(one).image + 0.5 * avatar.relight(two).image
+    assert np.abs(avatar.relight(both).image - expected).max() < 1e-5 * expected.max()
+
+
+@pytest.mark.parametrize("module", [physical, mean, oracle])
+def test_priors_come_back_from_disk(module, training: Recording, enrolment: Recording, tmp_path: Path) -> None:
+    method = module.create()
+    prior = method.train(training)
+    prior.save(tmp_path)
+    frame = enrolment.frames[0]
+    before, after = (p.personalise(enrolment).relight(frame).image for p in (prior, method.load(tmp_path)))
+    assert np.array_equal(before, after)
+
+
+def test_the_normalised_texture_undoes_the_stage(enrolment: Recording) -> None:
+    exposure = full_exposure(enrolment, 64)
+    assert exposure > 0
+    texture = normalised_texture(enrolment, 64)
+    assert float(texture.min()) > 0.0 and float(texture.max()) < 1.0  # an albedo over pi, with some shading left
+
+
+def test_the_oracle_knows_recorded_frames_only(enrolment: Recording, training: Recording) -> None:
+    avatar = oracle.create().train(training).personalise(enrolment)
+    frame = enrolment.frames[0]
+    assert np.array_equal(avatar.relight(frame.query).image, enrolment.observe(frame).image)
+    with pytest.raises(Unsupported, match="not one of them"):
+        avatar.relight(training.frames[0])
+
+
+def test_the_mean_predictor_ignores_the_light(training: Recording, enrolment: Recording, mini) -> None:
+    avatar = mean.create().train(training).personalise(enrolment)
+    one, two = [f for f in mini.frames() if f.subject == "s02"][:2]
+    assert one.lighting != two.lighting
+    assert np.array_equal(avatar.relight(one).image, avatar.relight(two).image)
