@@ -175,7 +175,7 @@ class Topology:
 
     def __post_init__(self) -> None:
         _set(self, "faces", _array("topology", "faces", self.faces, (None, 3), np.int32))
-        uvs = np.asarray(self.uvs)
+        uvs = np.zeros((0, 2)) if self.uvs is None else np.asarray(self.uvs)
         if uvs.size == 0:
             raise InputError("topology: the mesh has no UVs; handbench works in UV space, so unwrap it first")
         _set(self, "uvs", _array("topology", "uvs", uvs, (None, 2), np.float64))

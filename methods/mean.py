@@ -8,6 +8,7 @@ from typing import Any
 import torch
 
 from handbench.data.texture import mean_texture
+from handbench.errors import Unsupported
 from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
 from handbench.render.posed import raster
 from handbench.scene import Prediction, Query
@@ -64,6 +65,8 @@ class Mean(Method):
 
 
 def _mean_radiance(recording: Recording) -> float:
+    if not recording.frames:
+        raise Unsupported("the mean predictor needs fully lit frames and frames with few lights to train on")
     total = coverage = 0.0
     for frame in recording.frames:
         observation = recording.observe(frame)

@@ -34,7 +34,7 @@ def fused_features(
     pad = -len(directions) % _BLOCK
     seen = torch.ones(len(directions), len(roughness), dtype=torch.bool) if visibility is None else visibility
     per_texel = (np.ascontiguousarray(values.detach().numpy()) for values in (*frame, view, roughness))
-    per_light = (np.pad(values.numpy(), ((0, pad), (0, 0))) for values in (directions, irradiance, seen))
+    per_light = (np.pad(values.detach().numpy(), ((0, pad), (0, 0))) for values in (directions, irradiance, seen))
     return torch.from_numpy(np.array(_kernel()(*per_texel, *per_light)))
 
 

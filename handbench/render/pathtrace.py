@@ -45,6 +45,10 @@ class GBuffer:
     uv: Array
 
 
+_PATHS = 8_000_000
+"""Camera paths traced at once: with all their state about 2 GB."""
+
+
 class PathTracer:
     """Renders surfaces; keeps the scene of the last surface, so cameras of one pose share it."""
 
@@ -85,7 +89,13 @@ class PathTracer:
         self._load(surface)
         x0, y0, x1, y1 = window
         if self._variant == VECTORISED:
-            found = self._multilight.render(self._scene, camera, window, singles, spp, seed, max_depth, GRID)
+            rows = max(1, _PATHS // (spp * (x1 - x0)))
+            bands = [(x0, top, x1, min(top + rows, y1)) for top in range(y0, y1, rows)]
+            strips = [
+                self._multilight.render(self._scene, camera, band, singles, spp, seed + i, max_depth, GRID)
+                for i, band in enumerate(bands)
+            ]
+            found = np.concatenate(strips, axis=1)
         else:
             found = np.stack([self._render_one(camera, one, spp, seed, max_depth) for one in singles])
             found = found[:, y0:y1, x0:x1]

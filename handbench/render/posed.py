@@ -37,8 +37,8 @@ class PosedSurface:
 
     def visibility(self, lights: LightSet) -> Tensor:
         """Which texels each light reaches, (L + P, N) bool: hard shadows of the mesh on itself, kept per light."""
-        distant = [row.tobytes() for row in lights.directions]
-        near = [row.tobytes() for row in lights.positions]
+        distant = [b"distant" + row.tobytes() for row in lights.directions]
+        near = [b"near" + row.tobytes() for row in lights.positions]
         new_distant = [i for i, key in enumerate(distant) if key not in self._shadows]
         new_near = [i for i, key in enumerate(near) if key not in self._shadows]
         if new_distant or new_near:

@@ -11,16 +11,19 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from handbench.errors import InputError
+from handbench.errors import InputError, StorageError
 
 SCHEMA = 1
 _FILE = "weights.safetensors"
 
 
 def save_state(folder: Path, method: str, config: Mapping[str, Any], state: Mapping[str, Tensor]) -> None:
-    """Write tensors and the configuration of a method into a folder."""
+    """Write tensors and the configuration of a method into a folder. Raises `StorageError` if it cannot be written."""
     metadata = {"schema": str(SCHEMA), "method": method, "config": json.dumps(config, sort_keys=True)}
-    save_file({name: tensor.contiguous() for name, tensor in state.items()}, folder / _FILE, metadata)
+    try:
+        save_file({name: tensor.contiguous() for name, tensor in state.items()}, folder / _FILE, metadata)
+    except SafetensorError as error:  # the library's word for a full disk
+        raise StorageError(f"{folder / _FILE} cannot be written ({error}); free some space") from error
 
 
 def load_state(folder: Path, method: str, config: Mapping[str, Any]) -> dict[str, Tensor]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import OrderedDict
 from dataclasses import asdict
 from pathlib import Path
@@ -44,7 +43,7 @@ class URHandAvatar(Avatar):
         self._model, self._texture = model, texture
         self._materials: OrderedDict[Mesh, Material] = OrderedDict()
 
-    @torch.inference_mode()
+    @torch.no_grad()  # not inference_mode: caches are shared with training
     def relight(self, query: Query) -> Prediction:
         model, config = self._model, self._model.config
         posed = PosedSurface.of(query.mesh, config.texture)
@@ -64,10 +63,9 @@ class URHandAvatar(Avatar):
 
 
 class URHandPrior(Prior):
-    def __init__(self, model: URHandModel, joints: int, curve: dict[str, list[float]]) -> None:
+    def __init__(self, model: URHandModel, joints: int) -> None:
         self.model = model.eval()
         self.joints = joints
-        self.curve = curve
 
     def personalise(self, enrolment: Recording, seed: int = 0) -> Avatar:
         return URHandAvatar(self.model, normalised_texture(enrolment, self.model.config.texture))
@@ -75,7 +73,6 @@ class URHandPrior(Prior):
     def save(self, folder: Path) -> None:
         state = {**self.model.state_dict(), "joints": torch.tensor(self.joints)}
         save_state(folder, INFO.name, asdict(self.model.config), state)
-        (folder / "loss.json").write_text(json.dumps(self.curve))
 
 
 class URHand(Method):
@@ -95,14 +92,15 @@ class URHand(Method):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             model = URHandModel(self._config, joints)
-        return URHandPrior(model, joints, train(model, recording, seed, progress))
+        train(model, recording, seed, progress)
+        return URHandPrior(model, joints)
 
     def load(self, folder: Path) -> Prior:
         state = load_state(folder, INFO.name, asdict(self._config))
         joints = int(state.pop("joints"))
         model = URHandModel(self._config, joints)
         model.load_state_dict(state)
-        return URHandPrior(model, joints, json.loads((folder / "loss.json").read_text()))
+        return URHandPrior(model, joints)
 
 
 def create(preset: str = "quick") -> Method:

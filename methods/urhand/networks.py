@@ -155,8 +155,3 @@ def _upward(bias: bool) -> nn.ModuleList:
 
 def _convolutions(layers: nn.ModuleList) -> list[Keep]:
     return [layer.conv if isinstance(layer, Up) else layer for layer in layers]  # type: ignore[misc]
-
-
-def parameter_count(module: nn.Module) -> int:
-    """Number of trainable values."""
-    return sum(p.numel() for p in module.parameters() if p.requires_grad)

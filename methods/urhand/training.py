@@ -66,6 +66,8 @@ def _view(frames: list[Frame], recording: Recording, size: int) -> View:
     pixels = np.flatnonzero(covered)
     images = [recording.observe(frame).image.reshape(-1, 3)[pixels].T.astype(np.float16) for frame in frames]
     samples = [light_samples(frame.light) for frame in frames]
+    if any(len(sample.directions) != 1 or len(sample.positions) for sample in samples):
+        raise Unsupported(f"urhand trains on distant single lights, and {first.key} has another kind of light")
     lights = LightSet(
         np.concatenate([s.directions for s in samples]),
         np.concatenate([s.irradiance for s in samples]),
@@ -93,8 +95,8 @@ def light_weights(config: Config, lights: int, rng: np.random.Generator) -> Arra
     return weights
 
 
-def train(model: URHandModel, recording: Recording, seed: int, progress: Progress) -> dict[str, list[float]]:
-    """Train in place; returns the loss curve {"step": …, "loss": …}.
+def train(model: URHandModel, recording: Recording, seed: int, progress: Progress) -> None:
+    """Train in place, telling the running mean of the loss.
 
     Raises `NonFinite` as soon as a step's loss or gradient is not finite: nothing is trained through it.
     """
@@ -106,7 +108,6 @@ def train(model: URHandModel, recording: Recording, seed: int, progress: Progres
     rng = np.random.default_rng([17, seed])
     optimiser = torch.optim.Adam(model.parameters(), lr=config.rate[0], fused=True)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimiser, lambda step: rate_factor(config, step))
-    curve: dict[str, list[float]] = {"step": [], "loss": []}
     running = 0.0
     for step, batch in enumerate(_batches(len(stage), config, rng), start=1):
         optimiser.zero_grad(set_to_none=True)
@@ -125,10 +126,7 @@ def train(model: URHandModel, recording: Recording, seed: int, progress: Progres
         schedule.step()
         running = total if step == 1 else 0.98 * running + 0.02 * total
         if step % 20 == 0 or step == config.steps:
-            curve["step"].append(step)
-            curve["loss"].append(running)
             progress(step, config.steps, loss=running)
-    return curve
 
 
 def rate_factor(config: Config, step: int) -> float:

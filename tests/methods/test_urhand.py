@@ -20,13 +20,16 @@ from handbench.methods.urhand.networks import (
     UNET_CHANNELS,
     NeuralBranch,
     PhysicalBranch,
-    parameter_count,
 )
 from handbench.methods.urhand.training import light_weights, views
 from handbench.render.posed import PosedSurface
 from handbench.scene import Frame, Group, Observation
 
 SMOKE = PRESETS["smoke"]
+
+
+def parameter_count(module: torch.nn.Module) -> int:
+    return sum(parameter.numel() for parameter in module.parameters())
 
 
 def test_channel_sizes_are_the_seeds() -> None:

@@ -30,13 +30,16 @@ def open_capture(size: str = "quick", folder: Path | None = None, progress: Prog
 
     Raises `InputError` for an unknown size or damaged files, `StorageError` when it cannot be written.
     """
+    from .capture import OpenStage, read_manifest
+    from .inventory import missing
+
     place = capture_folder(size, folder)
-    if not (place / "capture.json").is_file():
-        if size == "mini" and folder is None:
-            raise InputError(f"the mini capture is missing from the package at {place}; install handbench again")
+    path = place / "capture.json"
+    lost = missing(place, read_manifest(path)[1]) if path.is_file() else [path.name]
+    if lost and size == "mini" and folder is None:
+        raise InputError(f"the mini capture at {place} lacks {lost[0]}; install handbench again")
+    if lost:
         from .make import make
 
         make(preset(size), place, progress)
-    from .capture import OpenStage
-
     return OpenStage(place)

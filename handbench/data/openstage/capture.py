@@ -7,6 +7,7 @@ import json
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ..capture import Capture
 from ..exr import read_exr, stack
 from .presets import SCHEMA
 
-_CACHED_IMAGES = 1500  # single-light images kept in memory as half floats, about 150 kB each at `quick`
+_CACHE_BYTES = 450e6  # single-light images kept in memory as half floats, 295 kB each at `quick`
 
 
 class OpenStage(Capture):
@@ -25,23 +26,20 @@ class OpenStage(Capture):
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         path = folder / "capture.json"
+        text, self._manifest = read_manifest(path)
         try:
-            text = path.read_text()
-            self._manifest: dict[str, Any] = json.loads(text)
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path} cannot be read ({error}); make the capture again") from error
-        schema = self._manifest.get("schema")
-        if schema != SCHEMA:
-            raise InputError(f"{path} has schema {schema}, this version reads {SCHEMA}; make the capture again")
-        self.name = f"openstage-{self._manifest['preset']['name']}"
-        self.digest = hashlib.sha256(text.encode()).hexdigest()[:16]
-        self._weights = {
-            entry["name"]: np.asarray(entry["weights"])
-            for entry in self._manifest["lightings"]
-            if entry["weights"] is not None
-        }
-        self._frames = tuple(self._build())
-        self._read = lru_cache(_CACHED_IMAGES)(self._read_image)
+            self.name = f"openstage-{self._manifest['preset']['name']}"
+            self.digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+            self._weights = {
+                entry["name"]: np.asarray(entry["weights"])
+                for entry in self._manifest["lightings"]
+                if entry["weights"] is not None
+            }
+            self._frames = tuple(self._build())
+        except (KeyError, TypeError) as error:
+            raise InputError(f"{path} is damaged ({error} is missing or wrong); make the capture again") from error
+        camera = self._frames[0].camera
+        self._read = lru_cache(max(1, int(_CACHE_BYTES / (6 * camera.height * camera.width))))(self._read_image)
         self._geometry = lru_cache(256)(self._read_geometry)
 
     def frames(self) -> tuple[Frame, ...]:
@@ -68,23 +66,22 @@ class OpenStage(Capture):
         channels = read_exr(path)
         alpha = _sized(stack(channels, ("A",), path), height, width, path)[..., 0]
         normal = stack(channels, ("normal.X", "normal.Y", "normal.Z"), path)
-        return alpha, normal, stack(channels, ("depth.Z",), path)[..., 0], stack(channels, ("uv.U", "uv.V"), path)
+        depth, uv = stack(channels, ("depth.Z",), path)[..., 0], stack(channels, ("uv.U", "uv.V"), path)
+        for array in (alpha, normal, depth, uv):
+            array.flags.writeable = False  # shared by all frames of the view
+        return alpha, normal, depth, uv
 
     def _build(self) -> list[Frame]:
         manifest = self._manifest
-        with np.load(self.folder / "topology.npz") as data:
-            topology = Topology(data["faces"], data["uvs"], data["uv_faces"])
+        arrays = _load(self.folder / "topology.npz")
+        topology = Topology(arrays["faces"], arrays["uvs"], arrays["uv_faces"])
         cameras = [Camera(**{**c, "K": np.asarray(c["K"])}) for c in manifest["cameras"]]
         olats = [Directional(np.asarray(o["direction"]), np.asarray(o["irradiance"])) for o in manifest["olat"]]
         lights = [(e["name"], e["kind"], self._light(e["name"], e["weights"], olats)) for e in manifest["lightings"]]
         frames = []
         for person in manifest["subjects"]:
             for act in person["poses"]:
-                path = self.folder / person["name"] / act["name"] / "tracked.npy"
-                try:
-                    mesh = Mesh(np.load(path), topology)
-                except (OSError, ValueError) as error:
-                    raise InputError(f"tracked mesh {path} cannot be read ({error}); make the capture again") from error
+                mesh = Mesh(_load(self.folder / person["name"] / act["name"] / "tracked.npy"), topology)
                 pose = Pose(act["joints"], act["rotation"], act["translation"])
                 frames += [
                     Frame(person["name"], act["name"], name, pose, mesh, camera, light, act["segment"], kind)
@@ -99,6 +96,27 @@ class OpenStage(Capture):
             return Environment(name.removeprefix("env-"), stack(read_exr(path), ("R", "G", "B"), path))
         members = tuple(olat.scaled(w) if w != 1 else olat for olat, w in zip(olats, weights, strict=True) if w > 0)
         return members[0] if len(members) == 1 else Group(members)
+
+
+def read_manifest(path: Path) -> tuple[str, dict[str, Any]]:
+    """Text and values of a capture.json; raises `InputError` for one that is damaged or of another schema."""
+    try:
+        text = path.read_text()
+        manifest = json.loads(text)
+        schema = manifest["schema"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} cannot be read ({error}); delete it and make the capture again") from error
+    if schema != SCHEMA:
+        raise InputError(f"{path} has schema {schema}, this version reads {SCHEMA}; make the capture again")
+    return text, manifest
+
+
+def _load(path: Path) -> Any:
+    """A numpy file: an array, or a mapping of arrays; raises `InputError` if it is missing or damaged."""
+    try:
+        return np.load(path)
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise InputError(f"{path} cannot be read ({error}); delete it and make the capture again") from error
 
 
 def _sized(image: Array, height: int, width: int, path: Path) -> Array:

@@ -12,14 +12,16 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from ...errors import StorageError
+from ...errors import InputError, StorageError
 from ...files import whole
 from ...hand import OpenHand
 from ...method import Progress, silent
+from ...render.llvm import VECTORISED
 from ...render.pathtrace import PathTracer, TracedSurface, choose_variant, displace
 from ...scene import Array, Camera, Directional, Environment, Mesh, Topology
 from ..exr import rgb, write_exr
 from .cast import Performance, Subject, cast
+from .inventory import TRACED, content
 from .presets import GENERATOR_VERSION, SCHEMA, Preset
 from .skin import Skin, make_skin
 from .stage import Lighting, cameras, lightings
@@ -41,11 +43,17 @@ class _Production:
     @property
     def traced(self) -> list[Lighting]:
         """The lightings that are rendered; the others are sums."""
-        return [light for light in self.lights if light.kind in ("olat", "environment")]
+        return [light for light in self.lights if light.kind in TRACED]
 
     @property
-    def view_count(self) -> int:
-        return sum(len(acts) for _, acts in self.people) * len(self.cameras)
+    def views(self) -> list[Path]:
+        """The folder of every view: a pose of a subject in a camera."""
+        poses = [self.folder / person.name / act.name for person, acts in self.people for act in acts]
+        return [pose / camera.name for pose in poses for camera in self.cameras]
+
+    def is_whole(self, view: Path) -> bool:
+        names = (*(light.name for light in self.traced), "geometry")
+        return all((view / f"{name}.exr").is_file() for name in names)
 
 
 def make(preset: Preset, folder: Path, progress: Progress = silent, variant: str | None = None) -> None:
@@ -55,20 +63,33 @@ def make(preset: Preset, folder: Path, progress: Progress = silent, variant: str
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _check_space(preset, folder)
         hand = OpenHand.load()
         production = _Production(preset, hand, cast(preset, hand), cameras(preset), lightings(preset), folder)
+        _check_space(production)
+        variant = _variant(folder, variant or choose_variant())
         _save_shared(production)
-        variant = variant or choose_variant()
         for done, _ in enumerate(_views(production, PathTracer(variant)), start=1):
-            progress(done, production.view_count)
-        manifest = json.dumps(_manifest(production, variant), indent=1)
+            progress(done, len(production.views))
+        manifest = _manifest(production, variant)
+        manifest["content"] = content(folder, manifest)
         with whole(folder / "capture.json") as part:
-            part.write_text(manifest)
+            part.write_text(json.dumps(manifest, indent=1))
     except StorageError:
         raise
     except OSError as error:
         raise StorageError(f"{folder} cannot be written ({error}); free some space or choose another folder") from error
+
+
+def _variant(folder: Path, available: str) -> str:
+    """The variant a capture was begun with, so that a resumed one does not mix two; else the available one."""
+    note = folder / "variant"
+    if not note.is_file():
+        with whole(note) as part:
+            part.write_text(available)
+    begun = note.read_text().strip()
+    if begun == VECTORISED and available != VECTORISED:
+        raise InputError(f"{folder} was begun with {begun}, which does not work now; install libllvm19 or delete it")
+    return begun
 
 
 def _save_shared(production: _Production) -> None:
@@ -85,7 +106,7 @@ def _save_shared(production: _Production) -> None:
 
 
 def _views(production: _Production, tracer: PathTracer) -> Iterator[None]:
-    """Make every missing view, one step a view; a view is whole once its geometry.exr is there."""
+    """Make every view that is not whole, one step a view."""
     preset, hand = production.preset, production.hand
     for person, acts in production.people:
         skin: Skin | None = None
@@ -95,7 +116,7 @@ def _views(production: _Production, tracer: PathTracer) -> Iterator[None]:
             _save_tracked(folder / "tracked.npy", hand, person, act, preset.tracked_level)
             surface: TracedSurface | None = None
             for camera in production.cameras:
-                if not (folder / camera.name / "geometry.exr").is_file():
+                if not production.is_whole(folder / camera.name):
                     skin = skin or make_skin(hand, person.identity, person.look, preset.skin_size)
                     surface = surface or _surface(hand.mesh(person.identity, act.pose, preset.truth_level), skin)
                     _make_view(tracer, surface, camera, production.traced, preset.spp, folder / camera.name)
@@ -144,16 +165,16 @@ def smooth_noise(topology: Topology, count: int, rng: np.random.Generator, round
     return noise * (TRACKING_NOISE / np.sqrt((noise**2).sum(axis=1).mean()))
 
 
-def _check_space(preset: Preset, folder: Path) -> None:
-    """Refuse early when the disk cannot hold the capture: half floats, compressed to about a third of the picture."""
-    views = preset.subjects * (preset.train_poses + preset.held_out_poses) * len(preset.cameras)
-    images = preset.lights + len(preset.environments) + 3
-    need = views * images * preset.height * preset.width * 3
+def _check_space(production: _Production) -> None:
+    """Refuse early when the disk cannot hold what is missing: half floats, compressed to about half."""
+    preset, folder = production.preset, production.folder
+    images = sum(not production.is_whole(view) for view in production.views) * (len(production.traced) + 3)
+    need = images * preset.height * preset.width * 3
     free = shutil.disk_usage(folder).free
     if free < need:
         raise StorageError(
-            f"{folder} has {free / 1e9:.2f} GB free, openstage {preset.name} needs about {need / 1e9:.2f} GB; "
-            "free some space or choose another folder with --folder"
+            f"{folder} has {free / 1e9:.2f} GB free, openstage {preset.name} needs about {need / 1e9:.2f} GB more; "
+            "free some space or keep captures elsewhere"
         )
 
 

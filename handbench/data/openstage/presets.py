@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from ...errors import unknown_name
 
 # Raise when the generator changes what any recipe produces: captures of another version are then made anew.
-GENERATOR_VERSION = 1
+GENERATOR_VERSION = 2
 # The layout of a capture folder; readers refuse another one.
 SCHEMA = 1
 
@@ -41,7 +41,7 @@ class Preset:
 
     @property
     def recipe(self) -> str:
-        """Digest of everything that determines the capture except the machine's rounding."""
+        """Digest of everything that determines the capture except code and rounding."""
         text = json.dumps({"generator": GENERATOR_VERSION, **asdict(self)}, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

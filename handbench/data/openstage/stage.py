@@ -14,8 +14,8 @@ from .presets import Preset
 
 # Irradiance of one stage light on a surface that faces it; skin of albedo 0.5 then reaches 0.5 on a 0..1 display.
 LIGHT_IRRADIANCE = 3.0
-# Groups and the fully lit stage are dimmed so that they expose like a single light; the factor is part of the light.
-GROUP_SIZE, GROUP_DIMMING, FULL_DIMMING = 3, 0.7, 0.14
+# Groups are dimmed, and the fully lit stage shares the power of 3.4 lights, so that both expose like a single light.
+GROUP_SIZE, GROUP_DIMMING, FULL_POWER = 3, 0.7, 3.4
 # Mean irradiance over all directions to which every environment is exposed.
 ENVIRONMENT_IRRADIANCE = 1.8
 
@@ -87,7 +87,8 @@ def lightings(preset: Preset) -> tuple[Lighting, ...]:
     for k in range(trained // GROUP_SIZE):
         members = range(k, trained, trained // GROUP_SIZE)[:GROUP_SIZE]
         found.append(_combined(f"group-{k}", "group", lights, GROUP_DIMMING * identity[list(members)].sum(0)))
-    found.append(_combined("full", "full", lights, np.full(preset.lights, FULL_DIMMING * 24 / preset.lights)))
+    # without the held-out lights: mean textures are made from fully lit frames, and must not have seen them either
+    found.append(_combined("full", "full", lights, FULL_POWER / trained * identity[:trained].sum(0)))
     for name in preset.environments:
         found.append(Lighting(f"env-{name}", "environment", environment(name, preset.environment_height)))
     return tuple(found)
