@@ -90,22 +90,26 @@ def _show(renderable: Any) -> None:
     Console().print(renderable)
 
 
-def _data_make(arguments: argparse.Namespace) -> int:
+def _capture(arguments: argparse.Namespace) -> Any:
+    """The capture that is named; what is missing of it is generated, with progress."""
     from .bench.progress import steps
     from .registry import CAPTURES
 
     with steps() as told:
         label = f"capture {arguments.capture} {arguments.size}"
-        capture = CAPTURES.load(arguments.capture)(arguments.size, arguments.folder, told(label))
+        return CAPTURES.load(arguments.capture)(arguments.size, arguments.folder, told(label))
+
+
+def _data_make(arguments: argparse.Namespace) -> int:
+    capture = _capture(arguments)
     print(f"{capture.name}: {len(capture.frames())} frames, digest {capture.digest[:16]}")
     return 0
 
 
 def _data_show(arguments: argparse.Namespace) -> int:
     from .data.contactsheet import summary, write_contact_sheet
-    from .registry import CAPTURES
 
-    capture = CAPTURES.load(arguments.capture)(arguments.size, arguments.folder)
+    capture = _capture(arguments)
     print(summary(capture))
     path = arguments.out or Path(f"{capture.name}.png")
     write_contact_sheet(capture, path)

@@ -31,6 +31,14 @@ class Entry:
 
 
 @dataclass(frozen=True)
+class Broken(Entry):
+    """A plug-in that cannot be used; `summary` says why and what helps, and naming it is an `InputError`."""
+
+    def load(self) -> Any:
+        raise InputError(f"plug-in {self.name!r} is {self.summary}")
+
+
+@dataclass(frozen=True)
 class Registry:
     """One kind of plug-in: `kind` for messages, `package` holds our own ENTRIES, `group` is for entry points."""
 
@@ -39,17 +47,13 @@ class Registry:
     group: str
 
     def entries(self) -> dict[str, Entry]:
-        """All plug-ins by name, ours first; a name given twice is an `InputError`."""
+        """All plug-ins by name, ours first; one that is broken, or whose name is taken, is there as `Broken`."""
         found: dict[str, Entry] = {entry.name: entry for entry in importlib.import_module(self.package).ENTRIES}
         for point in importlib.metadata.entry_points(group=self.group):
-            try:
-                entry = point.load()
-            except Exception as error:  # a broken plug-in must not hide the others' names
-                raise InputError(
-                    f"the {self.kind} plug-in {point.name!r} is broken: {error}; uninstall or mend it"
-                ) from error
+            entry = _entry(point)
             if entry.name in found:
-                raise InputError(f"two {self.kind} plug-ins are called {entry.name!r}; uninstall one of them")
+                why = f"broken: two {self.kind} plug-ins have this name; uninstall one of them"
+                entry = Broken(entry.name, entry.target, why)
             found[entry.name] = entry
         return found
 
@@ -57,10 +61,23 @@ class Registry:
         known = self.entries()
         if name not in known:
             raise unknown_name(self.kind, name, known)
+        if isinstance(known[name], Broken):
+            known[name].load()
         return known[name]
 
     def load(self, name: str) -> Any:
         return self.entry(name).load()
+
+
+def _entry(point: importlib.metadata.EntryPoint) -> Entry:
+    try:
+        entry = point.load()
+        if not isinstance(entry, Entry):
+            raise TypeError(f"{point.value} is no handbench.registry.Entry")
+    except Exception as error:  # whatever foreign code raises must not hide the other plug-ins
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        return Broken(point.name, point.value, f"broken: {text}; uninstall or mend it")
+    return entry
 
 
 METHODS = Registry("method", "handbench.methods", "handbench.methods")

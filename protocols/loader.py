@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from handbench.bench.protocol import AXES, Column, Protocol, Selection
+from handbench.bench.protocol import AGGREGATION, AXES, Column, Protocol, Selection
 from handbench.errors import InputError, unknown_name
 
 _SELECTION = ("segments", "kinds", "lightings", "poses", "cameras")
@@ -17,7 +17,6 @@ _TOP = (
     *("name", "version", "title", "summary", "capture", "size", "subjects", "train", "enrol", "column"),
     *("metrics", "methods", "seeds", "preset", "presets", "aggregation", "sample_seed"),
 )
-_STEPS = ("query", "subject", "seed")
 
 
 def load(path: Path) -> Protocol:
@@ -95,8 +94,8 @@ def _selection(owner: str, table: Mapping[str, Any]) -> Selection:
 
 def _aggregation(top: _Reader) -> tuple[str, ...]:
     steps = top.texts("aggregation")
-    if sorted(steps) != sorted(_STEPS) or steps[0] != "query":
-        raise InputError(f"{top.owner}: aggregation is {list(steps)}; order {list(_STEPS)}, beginning with 'query'")
+    if steps != AGGREGATION:
+        raise InputError(f"{top.owner}: aggregation is {list(steps)}; reports average in the order {list(AGGREGATION)}")
     return steps
 
 

@@ -7,10 +7,10 @@ import zlib
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
-from statistics import mean, median
+from statistics import median
 from typing import Any
 
-from .aggregate import interval, mean_over_subjects
+from .aggregate import aggregate, interval
 from .model import Cell, Column, Group, Kind, Metric, Row, Span, Table, Times
 from .run import Run, read_run
 
@@ -68,25 +68,24 @@ def _aggregate(
     reasons: dict[str, int],
 ) -> Cell:
     """One cell of the table. `owed`: the (query, seed) pairs that should have a value."""
-    by_query: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    values: dict[int, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     notes: set[int] = set()
     missing = set(owed)
-    for subject, seed, score in scores:
+    for subject, seed, score in sorted(scores, key=lambda s: (s[1], s[0], s[2]["query"])):
         value = score["value"]
         missing.discard((score["query"], seed))
         if value is not None and math.isfinite(value):
-            by_query[subject][score["query"]].append(value)
+            values[seed][subject].append(value)
         else:
             notes.add(_note(score["reason"] or "the value is not finite", reasons))
     if missing:
         notes.add(_note("not computed: the run was stopped or the cell failed", reasons))
-    values = {subject: [mean(seeds) for seeds in queries.values()] for subject, queries in sorted(by_query.items())}
-    covered = sum(len(seeds) for queries in by_query.values() for seeds in queries.values())
+    covered = sum(len(queries) for subjects in values.values() for queries in subjects.values())
     if not covered:
         return Cell(None, None, None, 0, len(owed), notes=tuple(sorted(notes)))
-    seed = zlib.crc32(f"{column.group.name}|{column.metric.signature}".encode())
-    low, high = interval(values, seed) or (None, None)
-    return Cell(mean_over_subjects(values), low, high, covered, len(owed), notes=tuple(sorted(notes)))
+    draws = zlib.crc32(f"{column.group.name}|{column.metric.signature}".encode())
+    low, high = interval(values, draws) or (None, None)
+    return Cell(aggregate(values), low, high, covered, len(owed), notes=tuple(sorted(notes)))
 
 
 def _note(reason: str, reasons: dict[str, int]) -> int:

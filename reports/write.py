@@ -32,7 +32,7 @@ def write_reports(run_folder: Path) -> dict[str, Path]:
     if written is None:
         contents = _contents(run_folder)
         written = sorted(contents)
-        with writing(folder):
+        with writing(folder, "make it writable, or copy the run to a folder of yours and report that"):
             _write(folder, contents, digest)
     return {name: folder / name for name in written}
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
+from importlib import metadata
 from types import SimpleNamespace
 
 import pytest
 
+import handbench.methods
 import handbench.reports
 from handbench.bench import check, run
 from handbench.bench.run import Outcome
 from handbench.cli import main
 from handbench.errors import InputError
+from handbench.registry import CAPTURES, METHODS, Entry
 
 
 def test_help_imports_nothing_heavy():
@@ -116,3 +120,38 @@ def test_report_formats(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(handbench.reports, "render_latex", lambda table: f"latex of {table.of}\n")
     assert main(["report", str(tmp_path), "--format", "latex"]) == 0
     assert capsys.readouterr().out == f"latex of {tmp_path}\n"
+
+
+def test_a_broken_plugin_hides_no_other(monkeypatch, capsys):
+    monkeypatch.setattr(handbench.methods, "GOOD", Entry("good", "json:loads", "fine"), raising=False)
+
+    def point(name: str, target: str) -> metadata.EntryPoint:
+        return metadata.EntryPoint(name, target, "handbench.methods")
+
+    good = point("good", "handbench.methods:GOOD")
+    points = [point("gone", "no_such_package:ENTRY"), point("tuple", "handbench.methods:ENTRIES"), good]
+    monkeypatch.setattr(metadata, "entry_points", lambda group: points)
+    assert METHODS.load("good") is json.loads and METHODS.entry("mean").name == "mean"
+    with pytest.raises(InputError, match=r"'gone' is broken: ModuleNotFoundError: .*uninstall or mend it"):
+        METHODS.entry("gone")
+    with pytest.raises(InputError, match=r"'tuple' is broken: .*ENTRIES is no handbench.registry.Entry"):
+        METHODS.load("tuple")
+    assert main(["list", "methods"]) == 0
+    out = capsys.readouterr().out
+    assert "urhand" in out and "broken: ModuleNotFoundError: No module named 'no_such_package'" in out
+    points.append(good)
+    with pytest.raises(InputError, match="'good' is broken: two method plug-ins have this name"):
+        METHODS.entry("good")
+    assert METHODS.entry("mean").name == "mean"
+
+
+def test_data_show_tells_what_it_generates(monkeypatch, capsys, tmp_path):
+    def source(size, folder, progress):
+        progress(3, 3)
+        return SimpleNamespace(name="made")
+
+    monkeypatch.setattr(type(CAPTURES), "load", lambda self, name: source)
+    monkeypatch.setattr("handbench.data.contactsheet.summary", lambda capture: "summary")
+    monkeypatch.setattr("handbench.data.contactsheet.write_contact_sheet", lambda capture, path: None)
+    assert main(["data", "show", "toy", "--out", str(tmp_path / "a.png")]) == 0
+    assert "capture toy quick 3/3" in capsys.readouterr().err

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..data.capture import Capture
 from ..errors import HandbenchError, StorageError, Unsupported
-from ..method import Avatar, Method, Progress, Recording
-from ..scene import Frame, Mesh, Observation, Prediction, Query
+from ..method import Avatar, Method, MethodInfo, Progress, Recording
+from ..scene import Directional, Frame, Light, Mesh, Observation, Point, Prediction, Query, leaves
 from .failure import Failure, failure
 from .plan import Cell
 from .priors import Priors
@@ -97,14 +97,48 @@ def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Pro
         avatar = prior.personalise(enrolment, cell.seed)
         times["personalise_s"] = time.perf_counter() - start
     except Exception as error:
-        failed = _blame(error, bench.reader)
+        failed = blame(error, bench.reader)
         scores = [score for column, frame in scored for score in _missing(bench, column, frame, failed)]
         return {"times": times, "scores": scores, "same_pixels": None, "predictions": None, "error": failed.trace}
-    return _relight(bench, cell, avatar, scored, times, steps(f"{label}: relight"))
+    asked = _Asked(bench.reader, method.info, avatar)
+    return _relight(bench, cell, asked, scored, times, steps(f"{label}: relight"))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """An avatar and what is known of its method."""
+
+    reader: CaptureReader
+    info: MethodInfo
+    avatar: Avatar
+
+    def relight(self, query: Query) -> tuple[Prediction | Failure, float]:
+        """A prediction or why there is none, and the milliseconds the call took."""
+        start = time.perf_counter()
+        try:
+            if refusal := light_refusal(self.info, query.light):
+                raise Unsupported(refusal)
+            prediction = self.avatar.relight(query)
+            milliseconds = (time.perf_counter() - start) * 1e3
+            size, wanted = prediction.alpha.shape, (query.camera.height, query.camera.width)
+            if size != wanted:
+                raise Unsupported(f"the picture is {size[1]}x{size[0]}, its camera says {wanted[1]}x{wanted[0]}")
+        except Exception as error:
+            return blame(error, self.reader), 0.0
+        return prediction, milliseconds
+
+
+def light_refusal(info: MethodInfo, light: Light) -> str | None:
+    """Why a method is not asked to draw a light: it holds a kind that the method does not declare. None: it is."""
+    for single in leaves(light):
+        kind = {Directional: "directional", Point: "point"}.get(type(single), "environment")
+        if kind not in info.lights:
+            return f"{info.title} cannot draw {kind} lights"
+    return None
 
 
 def _relight(
-    bench: Bench, cell: Cell, avatar: Avatar, scored: list[tuple[str, Frame]], times: dict[str, Any], progress: Progress
+    bench: Bench, cell: Cell, asked: _Asked, scored: list[tuple[str, Frame]], times: dict[str, Any], progress: Progress
 ) -> dict[str, Any]:
     """Draw and score in chunks. The picture that is timed first is the one that is scored."""
     frames = list({frame.key: frame for _, frame in scored}.values())
@@ -117,13 +151,15 @@ def _relight(
     trace: str | None = None
     # Meshes of its own for the warm-up and for the cell: a cache that outlives a method (by the identity of a mesh)
     # must not make the next method look faster. The warm-up keeps what a first call loads or compiles off the clock.
-    _try_relight(bench, avatar, _own_meshes(frames[:1])[0])
+    drawable = [frame for frame in frames if light_refusal(asked.info, frame.light) is None]
+    for query in _own_meshes(drawable[:1]):
+        asked.relight(query)
     queries = _own_meshes(frames)
     for begin in range(0, len(frames), _CHUNK):
         chunk = frames[begin : begin + _CHUNK]
         drawn: list[tuple[Frame, Prediction]] = []
         for i, frame in enumerate(chunk):
-            answer, milliseconds = _try_relight(bench, avatar, queries[begin + i])
+            answer, milliseconds = asked.relight(queries[begin + i])
             progress(begin + i + 1, len(frames))
             if isinstance(answer, Failure):
                 trace = trace or answer.trace
@@ -132,7 +168,7 @@ def _relight(
             first.append(milliseconds)
             drawn.append((frame, answer))
             if frame.key in repeated:
-                second, milliseconds = _try_relight(bench, avatar, queries[begin + i])
+                second, milliseconds = asked.relight(queries[begin + i])
                 if not isinstance(second, Failure):
                     again.append(milliseconds)
                     same = (same is not False) and _same(answer, second)
@@ -153,21 +189,7 @@ def _own_meshes(frames: list[Frame]) -> list[Query]:
     return [replace(frame.query, mesh=meshes[frame.pose_key]) for frame in frames]
 
 
-def _try_relight(bench: Bench, avatar: Avatar, query: Query) -> tuple[Prediction | Failure, float]:
-    """A prediction or why there is none, and the milliseconds the call took."""
-    start = time.perf_counter()
-    try:
-        prediction = avatar.relight(query)
-        milliseconds = (time.perf_counter() - start) * 1e3
-        size, wanted = prediction.alpha.shape, (query.camera.height, query.camera.width)
-        if size != wanted:
-            raise Unsupported(f"the picture is {size[1]}x{size[0]}, its camera says {wanted[1]}x{wanted[0]}")
-    except Exception as error:
-        return _blame(error, bench.reader), 0.0
-    return prediction, milliseconds
-
-
-def _blame(error: Exception, reader: CaptureReader) -> Failure:
+def blame(error: Exception, reader: CaptureReader) -> Failure:
     """The failure of a method, unless the disk or the capture is at fault: then that error is raised."""
     if isinstance(error, StorageError):
         raise error

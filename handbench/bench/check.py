@@ -8,19 +8,24 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
 from ..data.capture import Capture
-from ..errors import Unsupported
+from ..errors import HandbenchError, NonFinite, Unsupported
 from ..method import Avatar, Method, Prior, Recording
 from ..registry import CAPTURES, METHODS
 from ..scene import Array, Frame, Group, Observation, Prediction, Query
-from .failure import failure
+from .cell import CaptureReader, blame, light_refusal
+from .progress import steps
 from .protocol import Protocol, Selected, resolve
 
 SAME = 1e-6  # largest deviation, relative to the brightest pixel, of answers that must be the same
 LINEAR = 1e-4  # the same for the linear law: what float32 sums in another order may leave
+
+
+_Answer: TypeAlias = Prediction | HandbenchError
 
 
 @dataclass(frozen=True)
@@ -35,19 +40,24 @@ class Verdict:
 def check(name: str, protocol: Protocol, preset: str | None = None, data: Path | None = None) -> list[Verdict]:
     """Try every law on a method. A law whose trial crashes does not hold, and the verdict says why.
 
-    Raises `InputError` for an unknown method.
+    Raises `InputError` for an unknown method, a protocol that does not fit its capture, and a damaged capture.
     """
     method = METHODS.load(name)(preset=preset or protocol.preset_of(name))
-    capture = CAPTURES.load(protocol.capture)(size=protocol.size, folder=data)
+    source = CAPTURES.load(protocol.capture)
+    with steps() as told:
+        progress = told(f"capture {protocol.capture} {protocol.size}")
+        capture = source(size=protocol.size, folder=data, progress=progress)
     return check_method(method, protocol, capture)
 
 
 def check_method(method: Method, protocol: Protocol, capture: Capture) -> list[Verdict]:
     """`check` for a method and a capture in hand."""
+    selected = resolve(protocol, capture.frames())
+    reader = CaptureReader(capture)
     try:
-        trial = _Trial(method, protocol, capture)
+        trial = _Trial(method, protocol, selected, reader)
     except Exception as error:
-        return [Verdict("trains and personalises", False, failure(error).reason)]
+        return [Verdict("trains and personalises", False, blame(error, reader).reason)]
     laws: dict[str, Callable[[], Verdict]] = {
         "finite": trial.finite,
         "no mutation": trial.no_mutation,
@@ -60,20 +70,20 @@ def check_method(method: Method, protocol: Protocol, capture: Capture) -> list[V
         try:
             verdicts.append(tried())
         except Exception as error:
-            verdicts.append(Verdict(law, False, failure(error).reason))
+            verdicts.append(Verdict(law, False, blame(error, reader).reason))
     return verdicts
 
 
 class _Watched:
     """Hands out observations and knows later whether one was changed."""
 
-    def __init__(self, capture: Capture) -> None:
-        self._capture = capture
+    def __init__(self, reader: CaptureReader) -> None:
+        self._reader = reader
         self._given: dict[str, tuple[Observation, bytes]] = {}
 
     def __call__(self, frame: Frame) -> Observation:
         if frame.key not in self._given:
-            observation = self._capture.observe(frame)
+            observation = self._reader(frame)
             self._given[frame.key] = observation, pickle.dumps(observation)
         return self._given[frame.key][0]
 
@@ -84,11 +94,11 @@ class _Watched:
 class _Trial:
     """A trained method and its answers to the protocol's queries."""
 
-    def __init__(self, method: Method, protocol: Protocol, capture: Capture) -> None:
+    def __init__(self, method: Method, protocol: Protocol, selected: Selected, reader: CaptureReader) -> None:
         self.method = method
         self.protocol = protocol
-        self.selected: Selected = resolve(protocol, capture.frames())
-        self.watched = _Watched(capture)
+        self.selected = selected
+        self.watched = _Watched(reader)
         scored = {frame.key: frame for frames in self.selected.scored.values() for frame in frames}
         self.queries = [frame.query for frame in scored.values()]
         self.scored = tuple(scored.values())
@@ -109,24 +119,28 @@ class _Trial:
             avatars[subject] = prior.personalise(Recording(frames, self.watched).of_subject(subject), seed=0)
         return avatars
 
-    def _answers(self, avatars: dict[str, Avatar]) -> dict[str, Prediction]:
-        """The answers by query; queries the method declares unsupported are left out."""
-        answers = {}
+    def _answers(self, avatars: dict[str, Avatar]) -> dict[str, _Answer]:
+        """The answers by query: pictures, and the errors that the interface allows in their place."""
+        answers: dict[str, _Answer] = {}
         for query in self.queries:
             try:
+                if refusal := light_refusal(self.method.info, query.light):
+                    raise Unsupported(refusal)
                 answers[query.key] = avatars[query.subject].relight(query)
-            except Unsupported:
-                continue
+            except (Unsupported, NonFinite) as error:
+                answers[query.key] = error
         return answers
 
     def finite(self) -> Verdict:
-        finite = {key: np.isfinite(a.image).all() and np.isfinite(a.alpha).all() for key, a in self.answers.items()}
-        bad = [key for key, good in finite.items() if not good]
-        drawn = f"{len(self.answers)} of {len(self.queries)} queries drawn"
+        pictures = _pictures(self.answers)
+        bad = [key for key, a in pictures.items() if not (np.isfinite(a.image).all() and np.isfinite(a.alpha).all())]
+        told = f"{len(pictures)} of {len(self.queries)} queries drawn"
         if bad:
-            return Verdict("finite", False, f"{drawn}, {len(bad)} with NaN or infinity, e.g. {bad[0]}")
-        rest = "" if len(self.answers) == len(self.queries) else ", the others are declared unsupported"
-        return Verdict("finite", bool(self.answers), drawn + rest)
+            return Verdict("finite", False, f"{told}, {len(bad)} with NaN or infinity, e.g. {bad[0]}")
+        for kind, word in ((Unsupported, "unsupported"), (NonFinite, "declared non-finite")):
+            if count := sum(isinstance(answer, kind) for answer in self.answers.values()):
+                told += f", {count} {word}"
+        return Verdict("finite", bool(pictures), told)
 
     def no_mutation(self) -> Verdict:
         repeated = self._answers(self.avatars)
@@ -151,10 +165,10 @@ class _Trial:
         if self.method.info.truth:
             return Verdict("linear", None, "the truth is recorded, it has no answer to other lights")
         deviations = []
-        asked = [query for query in self.queries if query.key in self.answers]
+        asked = [query for query in self.queries if query.key in _pictures(self.answers)]
         for one, other in zip(asked, asked[1:] + asked[:1], strict=True):
             if one.subject == other.subject:
-                with suppress(Unsupported):  # a light of two kinds
+                with suppress(Unsupported, NonFinite):  # a light of two kinds, or too bright
                     deviations.append(self._nonlinearity(one, other, 0.7, 1.9))
         if not deviations:
             return Verdict("linear", None if not declared else False, "no pair of queries could be drawn")
@@ -173,10 +187,15 @@ class _Trial:
         return _deviation(both, a * draw(first, "check-first") + b * draw(second, "check-second"))
 
 
-def _equal(law: str, what: str, before: dict[str, Prediction], after: dict[str, Prediction]) -> Verdict:
-    if before.keys() != after.keys():
-        return Verdict(law, False, f"{what}, other queries are unsupported")
-    pairs = [(answer, after[key]) for key, answer in before.items()]
+def _pictures(answers: dict[str, _Answer]) -> dict[str, Prediction]:
+    return {key: answer for key, answer in answers.items() if isinstance(answer, Prediction)}
+
+
+def _equal(law: str, what: str, before: dict[str, _Answer], after: dict[str, _Answer]) -> Verdict:
+    if [*map(type, before.values())] != [*map(type, after.values())]:
+        return Verdict(law, False, f"{what}, other queries are unsupported or non-finite")
+    drawn = _pictures(after)
+    pairs = [(answer, drawn[key]) for key, answer in _pictures(before).items()]
     worst = max((_deviation(p.image, q.image) + _deviation(p.alpha, q.alpha) for p, q in pairs), default=0.0)
     return Verdict(law, worst <= SAME, f"{what}: largest deviation {worst:.1e}, allowed {SAME:.0e}")
 

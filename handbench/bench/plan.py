@@ -1,11 +1,14 @@
-"""From a protocol, methods and seeds to cells, each with a key that names everything that decides its result.
+"""From a protocol, methods and seeds to cells, each with a key: equal keys, and a kept result is used again.
 
-A key covers what is given (preset, protocol, data, seed) and the code that acts on it (method, metrics, the
-package's version), so the resolved configuration follows from it. Nothing heavy is imported and no time is in it.
+A key covers the versions of handbench, torch, jax and mitsuba, the method's source (see `source_digest`), its
+preset, the seed, the digests of capture and protocol, the metrics' source, and the subject. It does not cover
+other packages, the bench's own code within one version, or the machine; those are told in a cell's provenance.
+Nothing heavy is imported and no time is in it.
 """
 
 from __future__ import annotations
 
+import importlib.metadata
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -14,6 +17,8 @@ from ..errors import InputError
 from ..registry import METHODS, METRICS
 from .protocol import Protocol, digest
 from .source import source_digest
+
+_PACKAGES = ("torch", "jax", "mitsuba")  # whose releases change what methods and captures compute
 
 
 @dataclass(frozen=True)
@@ -54,13 +59,22 @@ def make_plan(
         raise InputError("nothing to run: name at least one method and one seed")
     entries = {name: METHODS.entry(name) for name in methods}
     scoring = digest([source_digest(METRICS.entry(spec.partition(":")[0].strip()).target) for spec in protocol.metrics])
+    versions = [__version__, *map(_version, _PACKAGES)]
     cells = []
     for name, entry in entries.items():
         chosen = preset or protocol.preset_of(name)
         code = source_digest(entry.target)
         for seed in seeds:
-            prior = digest([__version__, name, chosen, code, seed, capture_digest, protocol.training_digest])
+            prior = digest([versions, name, chosen, code, seed, capture_digest, protocol.training_digest])
             for subject in protocol.subjects:
                 key = digest([prior, protocol.digest, scoring, subject])
                 cells.append(Cell(key, prior, name, chosen, subject, seed))
     return Plan(protocol, capture_digest, methods, seeds, tuple(cells))
+
+
+def _version(package: str) -> str | None:
+    """The version of an installed package, found without importing it."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None

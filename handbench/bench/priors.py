@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from ..errors import InputError
 from ..method import Method, Prior, Progress, Recording
 from .store import Store, writing
 
@@ -41,17 +42,21 @@ class Priors:
     def _find(
         self, key: str, method: Method, recording: Callable[[], Recording], seed: int, progress: Progress
     ) -> tuple[Prior, float]:
-        about = self._store.prior(key)
-        if about is None:
-            curve = _Curve(progress)
-            about = {"method": method.info.name, "config": method.config, "seed": seed}
-            with self._store.writing_prior(key, about) as folder:
-                start = time.perf_counter()
-                prior = method.train(recording(), seed, curve)
-                about["train_s"] = time.perf_counter() - start
-                about["curve"] = curve.points()
-                with writing(folder):
-                    prior.save(folder)
+        kept = self._store.prior(key)
+        if kept is not None:
+            try:
+                return method.load(self._store.prior_state(key)), kept["train_s"]
+            except InputError:  # its weights are damaged: trained again
+                self._store.remove_prior(key)
+        curve = _Curve(progress)
+        about: dict[str, Any] = {"method": method.info.name, "config": method.config, "seed": seed}
+        with self._store.writing_prior(key, about) as folder:
+            start = time.perf_counter()
+            prior = method.train(recording(), seed, curve)
+            about["train_s"] = time.perf_counter() - start
+            about["curve"] = curve.points()
+            with writing(folder):
+                prior.save(folder)
         return method.load(self._store.prior_state(key)), about["train_s"]
 
 

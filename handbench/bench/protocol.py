@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..scene import Frame
+from ..scene import Array, Directional, Frame, Light, Point, leaves
 
 # What a scored frame can have in common with training; a column declares in `shares` what it shares on purpose.
 AXES = ("subject", "pose", "light")
+# How reports average, the only order there is: over a subject's queries, over subjects, over seeds.
+AGGREGATION = ("query", "subject", "seed")
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,8 @@ def resolve(protocol: Protocol, frames: Iterable[Frame]) -> Selected:
     """Choose the frames a protocol names.
 
     Raises `InputError` for a subject the capture lacks, a selection without frames, a subject that cannot be
-    enrolled, and a column that has in common with training what it does not declare in `shares`.
+    enrolled, and a column that has in common with training what it does not declare in `shares`. Lights are
+    compared one by one, by direction, position or environment, in enrolment too, so no group hides one.
     """
     frames = tuple(frames)
     owner = f"protocol {protocol.label}"
@@ -153,23 +156,57 @@ def resolve(protocol: Protocol, frames: Iterable[Frame]) -> Selected:
 
 
 def _check_sharing(
-    owner: str, column: Column, scored: Iterable[Frame], train: Iterable[Frame], enrol: Iterable[Frame]
+    owner: str, column: Column, scored: Sequence[Frame], train: Sequence[Frame], enrol: Sequence[Frame]
 ) -> None:
-    def having(axis: str, frames: Iterable[Frame]) -> set[str]:
-        return {{"subject": f.subject, "pose": f.pose_key, "light": f.lighting}[axis] for f in frames}
-
     # Poses belong to a subject ("s01/pose-3"), so an unseen subject shares none.
+    common = {
+        "subject": {f.subject for f in scored} & {f.subject for f in train},
+        "pose": {f.pose_key for f in scored} & {f.pose_key for f in train},
+        "light": _common_lights(scored, (*train, *enrol)),
+    }
     for axis in AXES:
-        common = sorted(having(axis, scored) & having(axis, train))
-        if common and axis not in column.shares:
+        if common[axis] and axis not in column.shares:
+            examples = ", ".join(sorted(common[axis])[:3])
             raise InputError(
-                f"{owner}: column {column.name!r} scores a {axis} that training saw ({', '.join(common[:3])}); "
+                f"{owner}: column {column.name!r} scores a {axis} that training saw ({examples}); "
                 f"select others, or add {axis!r} to its shares if that is meant"
             )
     seen = {(f.pose_key, f.lighting) for f in enrol}
     again = sorted(f"{f.pose_key} under {f.lighting}" for f in scored if (f.pose_key, f.lighting) in seen)
     if again and set(column.shares) != set(AXES):
         raise InputError(f"{owner}: column {column.name!r} scores {again[0]}, which enrolment shows; select others")
+
+
+def _common_lights(scored: Iterable[Frame], seen: Iterable[Frame]) -> set[str]:
+    """The scored lightings with a single light that `seen` frames show too, whatever group it is in there."""
+    shown = {single: name for name, light in _lightings(seen) for single in _singles(light)}
+    common = set()
+    for name, light in _lightings(scored):
+        for single in _singles(light):
+            if single in shown:
+                common.add(name if shown[single] == name else f"{name} has a light of {shown[single]}")
+    return common
+
+
+def _lightings(frames: Iterable[Frame]) -> list[tuple[str, Light]]:
+    """Each light once: frames share them by the thousand."""
+    return list({id(frame.light): (frame.lighting, frame.light) for frame in frames}.values())
+
+
+def _singles(light: Light) -> set[tuple[Any, ...]]:
+    """What tells the single lights of a light apart, whatever their brightness."""
+
+    def place(vector: Array) -> tuple[float, ...]:
+        return tuple((np.round(vector, 5) + 0.0).tolist())  # + 0.0: no negative zero
+
+    return {
+        ("direction", *place(single.direction))
+        if isinstance(single, Directional)
+        else ("position", *place(single.position))
+        if isinstance(single, Point)
+        else ("environment", single.name)
+        for single in leaves(light)
+    }
 
 
 def sample(frames: Iterable[Frame], limit: int | None, seed: int) -> tuple[Frame, ...]:

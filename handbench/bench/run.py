@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from ..data.capture import Capture
@@ -52,9 +53,12 @@ def run(
     for what the user can mend and `StorageError` when the run folder cannot be written; finished cells stay.
     """
     methods = None if methods is None else tuple(methods)
-    for name in methods or protocol.methods:
-        METHODS.entry(name)  # a mistyped name is told before a capture is generated
     store = Store(out or Path("runs") / protocol.name)
+    # What is mistyped is told before a capture is generated; what this folder has run before is not loaded to know.
+    presets = {name: preset or protocol.preset_of(name) for name in methods or protocol.methods}
+    for name in presets:
+        METHODS.entry(name)
+    tools = None if _known(store, protocol, presets) else _make_tools(protocol, presets)
     store.prepare()
     with steps() as told:
         source = CAPTURES.load(protocol.capture)
@@ -62,9 +66,36 @@ def run(
         plan = make_plan(protocol, capture.digest, methods, seeds, preset)
         missing = [cell for cell in plan.cells if not _finished(store.cell(cell.key))]
         if missing or not _refresh(store, plan):
-            _compute(plan, missing, capture, store, list(command) or sys.argv, told)
+            tools = tools or _make_tools(protocol, presets)
+            _compute(plan, missing, tools, capture, store, list(command) or sys.argv, told)
     crashed = tuple(_crash(store.cell(cell.key), cell) for cell in plan.cells if not _finished(store.cell(cell.key)))
     return Outcome(store.folder, len(missing), len(plan.cells) - len(missing), crashed)
+
+
+@dataclass(frozen=True)
+class _Tools:
+    """Methods by name and metrics by signature, made."""
+
+    methods: dict[str, Method]
+    metrics: dict[str, Any]
+    metrics_module: ModuleType
+
+
+def _make_tools(protocol: Protocol, presets: dict[str, str]) -> _Tools:
+    module = importlib.import_module(METRICS.package)
+    metrics = {metric.signature: metric for metric in map(module.metric, protocol.metrics)}
+    if len(metrics) < len(protocol.metrics):
+        raise InputError(f"protocol {protocol.label}: two metrics have one signature; keep one of them")
+    methods = {name: METHODS.load(name)(preset=preset) for name, preset in presets.items()}
+    return _Tools(methods, metrics, module)
+
+
+def _known(store: Store, protocol: Protocol, presets: dict[str, str]) -> bool:
+    """Whether the folder's last run had the same metrics, methods and presets."""
+    told = store.run()
+    if told is None or told["protocol"]["digest"] != protocol.digest:
+        return False
+    return presets.items() <= {method["name"]: method["preset"] for method in told["methods"]}.items()
 
 
 def _finished(cell: dict[str, Any] | None) -> bool:
@@ -89,32 +120,26 @@ def _refresh(store: Store, plan: Plan) -> bool:
     return True
 
 
-def _compute(plan: Plan, missing: list[Cell], capture: Capture, store: Store, command: list[str], told: Steps) -> None:
+def _compute(
+    plan: Plan, missing: list[Cell], tools: _Tools, capture: Capture, store: Store, command: list[str], told: Steps
+) -> None:
     from .cell import Bench, CaptureReader, compute
     from .priors import Priors
     from .protocol import resolve
     from .provenance import provenance
 
-    made = {(cell.method, cell.preset): _create(cell) for cell in plan.cells}
-    module = importlib.import_module(METRICS.package)
-    metrics = {metric.signature: metric for metric in map(module.metric, plan.protocol.metrics)}
-    if len(metrics) < len(plan.protocol.metrics):
-        raise InputError(f"protocol {plan.protocol.label}: two metrics have one signature; keep one of them")
     selected = resolve(plan.protocol, capture.frames())
     origin = provenance(command)
-    store.write_run(_about_run(plan, made, metrics, selected, origin))
-    bench = Bench(plan.protocol, selected, CaptureReader(capture), store, Priors(store), metrics, module)
+    store.write_run(_about_run(plan, tools, selected, origin))
+    reader, priors = CaptureReader(capture), Priors(store)
+    bench = Bench(plan.protocol, selected, reader, store, priors, tools.metrics, tools.metrics_module)
     overall = told("all cells")
     for i, cell in enumerate(missing):
         if not _finished(store.cell(cell.key)):  # another process may have been here
-            method = made[cell.method, cell.preset]
+            method = tools.methods[cell.method]
             result = compute(bench, cell, method, told)
             store.write_cell({**_about_cell(plan, cell, method), "provenance": origin, **result})
         overall(i + 1, len(missing))
-
-
-def _create(cell: Cell) -> Method:
-    return METHODS.load(cell.method)(preset=cell.preset)
 
 
 def _about_cell(plan: Plan, cell: Cell, method: Method) -> dict[str, Any]:
@@ -166,23 +191,17 @@ def _about_protocol(protocol: Protocol) -> dict[str, Any]:
     }
 
 
-def _about_run(
-    plan: Plan,
-    made: dict[tuple[str, str], Method],
-    metrics: dict[str, Any],
-    selected: Selected,
-    origin: dict[str, Any],
-) -> dict[str, Any]:
+def _about_run(plan: Plan, tools: _Tools, selected: Selected, origin: dict[str, Any]) -> dict[str, Any]:
     names = ("name", "title", "signature", "higher_is_better", "unit", "latex", "decimals")
     protocol = _about_protocol(plan.protocol)
-    protocol["metrics"] = [{name: getattr(metric, name) for name in names} for metric in metrics.values()]
+    protocol["metrics"] = [{name: getattr(metric, name) for name in names} for metric in tools.metrics.values()]
     for column in protocol["columns"]:
         column["queries"] = [frame.key for frame in selected.scored[column["name"]]]
     firsts = {cell.method: cell for cell in reversed(plan.cells)}
     return {
         "schema": SCHEMA,
         "protocol": protocol,
-        "methods": [_about_method(firsts[name], made[name, firsts[name].preset]) for name in plan.methods],
+        "methods": [_about_method(firsts[name], tools.methods[name]) for name in plan.methods],
         "seeds": list(plan.seeds),
         "subjects": list(plan.protocol.subjects),
         "capture": _about_capture(plan),

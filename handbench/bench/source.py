@@ -1,4 +1,8 @@
-"""A digest of the code behind a plug-in, found without running it."""
+"""A digest of the code behind a plug-in, found without running it.
+
+It tells when a result must be computed anew because a method or a metric was edited. What import statements do
+not reach is not in it: data files, code that is imported by a computed name, and other packages.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +17,8 @@ from pathlib import Path
 def source_digest(target: str) -> str:
     """Hex SHA-256 of the code of "module:attribute" and of every module it reaches by import statements.
 
-    Followed are modules of handbench and of the plug-in's own top-level package; other packages are covered by
-    their versions. The code counts, not its comments or layout. Nothing is imported, so torch stays unloaded.
+    Followed are modules of handbench and of the plug-in's own top-level package, no others. The code counts, not
+    its comments or layout. Nothing is imported, so torch stays unloaded.
     """
     start = target.partition(":")[0]
     roots = {"handbench", start.partition(".")[0]}

@@ -38,10 +38,19 @@ class Store:
         self.folder = folder
 
     def prepare(self) -> None:
-        """Create the folder and remove what killed processes of this machine left half-written."""
+        """Create the folder and remove what killed processes of this machine left half-written.
+
+        Raises `StorageError` if the folder or one that it keeps results in cannot be written.
+        """
         with writing(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
-            for place in (self.folder, self.folder / "cells", self.folder / "priors"):
+        for place in (self.folder, *(self.folder / name for name in ("cells", "predictions", "priors"))):
+            if not place.exists():
+                continue
+            with writing(place):
+                probe = _part(place / "probe")
+                probe.touch()
+                probe.unlink()
                 for path in place.glob(".*.*.*.*.tmp"):
                     if _abandoned(path):
                         _remove(path)
@@ -83,6 +92,11 @@ class Store:
     def prior_state(self, key: str) -> Path:
         return self.folder / "priors" / key / "state"
 
+    def remove_prior(self, key: str) -> None:
+        folder = self.folder / "priors" / key
+        with writing(folder):
+            shutil.rmtree(folder)
+
     @contextmanager
     def writing_prior(self, key: str, about: dict[str, Any]) -> Iterator[Path]:
         """An empty folder for `Prior.save`; it takes its place when the block ends without an error."""
@@ -116,8 +130,8 @@ class Store:
 
 
 @contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Turn an `OSError` while writing `path` into one `StorageError` sentence."""
+def writing(path: Path, remedy: str = "choose another folder with --out") -> Iterator[None]:
+    """Turn an `OSError` while writing `path` into one `StorageError` sentence; `remedy` is not for a full disk."""
     try:
         yield
     except StorageError:
@@ -126,7 +140,7 @@ def writing(path: Path) -> Iterator[None]:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             text = f"the disk is full, {path} cannot be written; free some space and run again, finished cells are kept"
         else:
-            text = f"{path} cannot be written ({error.strerror or error}); choose another folder with --out"
+            text = f"{path} cannot be written ({error.strerror or error}); {remedy}"
         raise StorageError(text) from error
 
 

@@ -1,7 +1,8 @@
 """Which Mitsuba variant this machine can run: the vectorised one needs an LLVM library that works.
 
 A wrong LLVM does not raise: version 15 aborts the whole process when the principled BSDF is compiled. Each
-candidate is therefore tried in a process of its own, once, and the verdict is kept on disk.
+candidate is therefore tried in a process of its own. That one works is kept on disk; that one failed is not, since
+a busy machine may have been the reason.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import os
 import re
 import subprocess
 import sys
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -45,13 +47,12 @@ def choose_variant() -> str:
     Sets `DRJIT_LIBLLVM_PATH` for this process. The path a user has set is tried first. Must be called before
     Mitsuba's vectorised variant is used for the first time.
     """
-    verdicts = _read_verdicts()
+    proven = _read_proven()
     for library in _candidates():
         key = f"{library}|{Path(library).stat().st_mtime_ns}|mitsuba {version('mitsuba')}"
-        if key not in verdicts:
-            verdicts[key] = _works(library)
-            _write_verdicts(verdicts)
-        if verdicts[key]:
+        if key in proven or _works(library):
+            if key not in proven:
+                _write_proven([*proven, key])
             os.environ["DRJIT_LIBLLVM_PATH"] = library
             return VECTORISED
     print(
@@ -78,6 +79,7 @@ def _library_version(path: str) -> tuple[int, ...]:
     return tuple(int(n) for n in numbers)
 
 
+@cache
 def _works(library: str) -> bool:
     environment = {**os.environ, "DRJIT_LIBLLVM_PATH": library}
     try:
@@ -89,22 +91,23 @@ def _works(library: str) -> bool:
     return done.returncode == 0 and "works" in done.stdout
 
 
-def _verdict_file() -> Path:
+def _proven_file() -> Path:
     cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(cache) / "handbench" / "llvm.json"
+    return Path(cache) / "handbench" / "llvm-works.json"
 
 
-def _read_verdicts() -> dict[str, bool]:
+def _read_proven() -> list[str]:
     try:
-        return dict(json.loads(_verdict_file().read_text()))
+        proven = json.loads(_proven_file().read_text())
     except (OSError, ValueError):
-        return {}
+        return []
+    return proven if isinstance(proven, list) else []
 
 
-def _write_verdicts(verdicts: dict[str, bool]) -> None:
-    """Keep the verdicts; a folder that cannot be written only means probing again next time."""
+def _write_proven(proven: list[str]) -> None:
+    """Keep what works; a folder that cannot be written only means probing again next time."""
     try:
-        _verdict_file().parent.mkdir(parents=True, exist_ok=True)
-        _verdict_file().write_text(json.dumps(verdicts, indent=1))
+        _proven_file().parent.mkdir(parents=True, exist_ok=True)
+        _proven_file().write_text(json.dumps(proven, indent=1))
     except OSError:
         pass

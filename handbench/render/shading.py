@@ -14,6 +14,7 @@ from ..light.lightset import LightSet, light_samples
 from ..scene import Array
 from .brdf import SHININESS, clamp_roughness, distribution, fresnel, masking
 from .fused import fused_features
+from .surface import unit
 
 __all__ = ["LightSet", "Model", "light_features", "light_samples"]
 
@@ -51,7 +52,7 @@ def light_features(
     tensors, in their irradiance and intensities. Lights without power are skipped unless they need a gradient.
     """
     centre = _tensor(camera_centre).to(normal.dtype)
-    view = torch.nn.functional.normalize(centre[:, None] - position, dim=0)
+    view = unit(centre[:, None] - position)
     maps = (normal, view, position, roughness)
     split = len(lights.directions)
     kinds: tuple[tuple[Tensor | Array, Tensor | Array, Dots, slice], ...] = (

@@ -78,7 +78,7 @@ def refine(position: Tensor, normal: Tensor, displacement: Tensor, atlas: Atlas)
     # metres squared per texel squared is tiny: divide by the area before normalising
     flat = area.abs() <= 1e-20  # a chart one texel wide: no tangent plane to tilt
     slope = torch.where(flat, 0.0, side * tilt / torch.where(flat, 1.0, displaced))
-    return atlas.scatter(torch.nn.functional.normalize(n + slope, dim=-2))
+    return atlas.scatter(unit(n + slope))
 
 
 def _differences(values: Tensor, atlas: Atlas) -> tuple[Tensor, Tensor]:
@@ -109,6 +109,11 @@ def _neighbours(atlas: Atlas) -> tuple[Tensor, Tensor, Tensor, Tensor]:
 
 def _dot(a: Tensor, b: Tensor) -> Tensor:
     return (a * b).sum(dim=-2, keepdim=True)
+
+
+def unit(vectors: Tensor) -> Tensor:
+    """Vectors (..., 3, N) made unit; zero stays zero. Several times faster than a norm along that axis."""
+    return vectors * (vectors * vectors).sum(dim=-2, keepdim=True).clamp_min(1e-30).rsqrt()
 
 
 def _tangential(values: Tensor, normal: Tensor) -> Tensor:

@@ -24,6 +24,7 @@ NAMES = (
         "toy-diverges",
         "toy-no-environment",
         "toy-small",
+        "toy-directional",
     ),
     *("toy-square", "toy-forgetful", "toy-mutates", "toy-lossy", "toy-unseeded", "toy-identity", "toy-full-disk"),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from handbench.bench.check import check
+from handbench.errors import InputError, NonFinite
 
 
 def verdicts(name, protocol):
@@ -50,3 +51,25 @@ def test_the_oracle_and_what_is_unsupported(fakes, toy_protocol):
 def test_a_method_that_cannot_train(fakes, toy_protocol):
     (verdict,) = verdicts("toy-crash-train", toy_protocol()).values()
     assert verdict.holds is False and "no such layer" in verdict.detail
+
+
+def test_what_the_user_can_mend_breaks_no_law(fakes, toy_protocol, capsys):
+    with pytest.raises(InputError, match="no subject 's09'"):
+        check("toy", toy_protocol(subjects={"trained": ["s09"], "unseen": ["s02"]}))
+    assert "capture toy tiny 1/1" in capsys.readouterr().err, "generating a capture is told"
+    with pytest.raises(InputError, match=r"group-0\.exr is damaged"):
+        check("oracle", toy_protocol(size="damaged"))
+
+
+def test_a_declared_failure_is_an_answer(fakes, toy_protocol, monkeypatch):
+    real = fakes.ToyAvatar.relight
+
+    def relight(avatar, query):
+        if query.camera.name == "side":
+            raise NonFinite("the texture overflowed")
+        return real(avatar, query)
+
+    monkeypatch.setattr(fakes.ToyAvatar, "relight", relight)
+    found = verdicts("toy-directional", toy_protocol())
+    assert [law for law, verdict in found.items() if verdict.holds is False] == []
+    assert found["finite"].detail == "4 of 10 queries drawn, 2 unsupported, 4 declared non-finite"

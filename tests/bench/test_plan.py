@@ -119,3 +119,11 @@ def test_every_registered_plugin_has_source():
     entries = [*METHODS.entries().values(), *METRICS.entries().values()]
     assert len({source_digest(entry.target) for entry in entries}) == len(entries)
     assert source_digest("nowhere.at.all:x") != source_digest(Entry("a", "nowhere.else:x", "").target)
+
+
+@pytest.mark.parametrize("package", ["torch", "jax", "mitsuba"])
+def test_another_release_of_a_package_that_computes_is_another_key(fakes, toy_protocol, monkeypatch, package):
+    before = key(toy_protocol())
+    real = plans.importlib.metadata.version
+    monkeypatch.setattr(plans.importlib.metadata, "version", lambda name: "99.0" if name == package else real(name))
+    assert key(toy_protocol()) != before

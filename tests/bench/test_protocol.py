@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
 from handbench.bench.protocol import resolve, sample
 from handbench.errors import InputError
+from handbench.scene import Group
 
 
 def test_a_column_that_shares_with_training_must_say_so(fakes, toy_table, toy_protocol):
@@ -84,3 +86,15 @@ def test_the_digest_covers_what_decides_a_score_and_nothing_else(toy_table, toy_
         {"subjects": {"trained": ["s02"], "unseen": ["s01"]}},
     ):
         assert toy_protocol(**change).digest != digest, change
+
+
+@pytest.mark.parametrize(("part", "lighting"), [("train", "group-0"), ("enrol", "full")])
+def test_a_held_out_light_inside_a_group_is_found(fakes, toy_protocol, part, lighting):
+    frames = fakes.ToyCapture().frames()
+    held_out = next(f.light for f in frames if f.lighting == "olat-03")
+    other = next(f.light for f in frames if f.lighting == lighting)
+    hidden = Group((other, Group((held_out.scaled(0.25),))))
+    mixed = [replace(f, light=hidden) if f.lighting == lighting else f for f in frames]
+    resolve(toy_protocol(), frames)
+    with pytest.raises(InputError, match=f"scores a light that training saw .olat-03 has a light of {lighting}"):
+        resolve(toy_protocol(), mixed)

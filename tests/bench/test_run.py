@@ -70,7 +70,7 @@ def test_one_training_serves_all_subjects_and_a_second_run_does_nothing(fakes, t
     fakes.CALLS.clear()
     outcome = run(protocol, out=tmp_path)
     assert (outcome.computed, outcome.reused) == (0, 2)
-    assert not fakes.CALLS, "a cached run must not touch images or methods"
+    assert set(fakes.CALLS) == {"open"}, "a cached run must not touch images or methods"
     assert (tmp_path / "run.json").read_bytes() == before
 
 
@@ -247,3 +247,38 @@ def test_methods_share_no_cache_by_mesh(fakes, toy_protocol, tmp_path, monkeypat
     for pose, ids in seen["toy"].items():
         assert not ids & seen["toy-nan"][pose]
         assert len(ids) <= 2, "one for the warm-up, one for all queries of the pose"
+
+
+def test_a_damaged_prior_is_trained_again(fakes, toy_protocol, tmp_path):
+    protocol = toy_protocol()
+    run(protocol, out=tmp_path)
+    (weights,) = tmp_path.glob("priors/*/state/gain.json")
+    weights.write_text("{")
+    for path in (tmp_path / "cells").iterdir():
+        path.unlink()
+    fakes.CALLS.clear()
+    assert run(protocol, out=tmp_path).crashed == ()
+    assert fakes.CALLS["toy train"] == 1 and weights.read_text() == "0.5"
+
+
+@pytest.mark.parametrize(("changes", "preset"), [({"metrics": ["pnsr"]}, None), ({}, "fast")])
+def test_metrics_and_presets_are_checked_before_the_capture_is_generated(
+    fakes, toy_protocol, tmp_path, changes, preset
+):
+    run(toy_protocol(), out=tmp_path / "run")
+    fakes.CALLS.clear()
+    for folder in ("new", "run"):  # a folder that knows the method must not hide the bad preset
+        with pytest.raises(InputError, match=r"unknown (metric|preset)"):
+            run(toy_protocol(**changes), preset=preset, out=tmp_path / folder)
+    assert fakes.CALLS["open"] == 0 and not (tmp_path / "new").exists()
+
+
+def test_lights_that_are_not_declared_are_not_asked_for(fakes, toy_protocol, tmp_path, monkeypatch):
+    asked = set()
+    real = fakes.ToyAvatar.relight
+    monkeypatch.setattr(fakes.ToyAvatar, "relight", lambda self, query: asked.add(query.lighting) or real(self, query))
+    outcome = run(toy_protocol(), methods=["toy-directional"], out=tmp_path)
+    reasons = {column: s["reason"] for (column, _), s in scores(tmp_path, "toy-directional").items()}
+    assert reasons.pop("env") == "unsupported: Toy-Directional cannot draw environment lights"
+    assert set(reasons.values()) == {None} and outcome.crashed == ()
+    assert asked == {"group-0", "olat-03"}

@@ -139,3 +139,22 @@ def test_json_is_strict(fakes, toy_protocol, tmp_path):
 
     for path in tmp_path.rglob("*.json"):
         json.loads(path.read_text(), parse_constant=refuse)
+
+
+@pytest.mark.parametrize("place", [".", "cells", "predictions", "priors"])
+def test_a_folder_that_cannot_be_written_is_told_before_work_starts(fakes, toy_protocol, tmp_path, monkeypatch, place):
+    run(toy_protocol(), out=tmp_path)
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
+    fakes.CALLS.clear()
+    real = os.open
+
+    def refuse(path, flags, *rest, **named):  # what a read-only folder does, also to root
+        if flags & os.O_CREAT and Path(path).parent == (tmp_path / place):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        return real(path, flags, *rest, **named)
+
+    monkeypatch.setattr(os, "open", refuse)
+    with pytest.raises(StorageError, match=r"Permission denied.*--out"):
+        run(toy_protocol(), seeds=[1], out=tmp_path)
+    assert fakes.CALLS["open"] == 0
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == before

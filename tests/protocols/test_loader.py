@@ -62,7 +62,7 @@ def test_quick_answers_its_four_questions():
         (("column", 1, "name"), "unseen-segment", "column name 'unseen-segment' is given twice"),
         (("subjects",), {"trained": ["s01"]}, "lists no unseen subject"),
         (("subjects", "unseen"), ["s01"], "'s01' is both trained and unseen"),
-        (("aggregation",), ["subject", "query", "seed"], "beginning with 'query'"),
+        (("aggregation",), ["query", "seed", "subject"], "reports average in the order"),
         (("presets", "urhand"), 3, r"\[presets\]: urhand is 3"),
     ],
 )

@@ -194,3 +194,10 @@ def test_a_full_disk_leaves_the_earlier_report_intact(
         write_reports(small_run)
     assert (small_run / "report" / "index.html").read_bytes() == before
     assert not list((small_run / "report").rglob("*.part"))
+
+
+def test_a_run_folder_that_cannot_be_written_gets_a_remedy_that_exists(small_run: Path) -> None:
+    (small_run / "report").write_text("")  # no folder can be made here
+    with pytest.raises(StorageError, match="make it writable, or copy the run") as caught:
+        write_reports(small_run)
+    assert "--out" not in str(caught.value)

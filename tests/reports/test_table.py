@@ -11,7 +11,7 @@ import pytest
 
 from handbench.errors import InputError
 from handbench.reports import table
-from handbench.reports.aggregate import interval, mean_over_subjects
+from handbench.reports.aggregate import aggregate, interval
 from handbench.reports.model import Cell, Row, Table, letter, number
 
 SetScores = Callable[..., None]
@@ -25,13 +25,20 @@ def _cell(result: Table, method: str, column: int = 0) -> Cell:
     return _row(result, method).cells[column]
 
 
-def test_subjects_weigh_alike_whatever_their_number_of_frames() -> None:
-    assert mean_over_subjects({"a": [0.0, 0.0, 0.0, 0.0], "b": [10.0]}) == 5.0
+def test_subjects_and_seeds_weigh_alike_whatever_their_number_of_frames() -> None:
+    assert aggregate({0: {"a": [0.0, 0.0, 0.0, 0.0], "b": [10.0]}}) == 5.0
+    # Of seed 1, subject a has no value. Seeds first would give (0 + (10 + 20) / 2) / 2 = 7.5.
+    assert aggregate({0: {"a": [0.0, 0.0], "b": [10.0]}, 1: {"b": [20.0]}}) == 12.5
+
+
+def test_another_seed_with_the_same_values_narrows_no_interval() -> None:
+    values = {name: list(np.random.default_rng(ord(name)).normal(size=9)) for name in "abcd"}
+    assert interval({0: values, 1: values, 2: values}, seed=5) == pytest.approx(interval({0: values}, seed=5))
 
 
 def test_the_interval_of_one_frame_a_subject_is_the_bootstrap_of_subjects() -> None:
     values = np.random.default_rng(1).normal(30, 2, 40)
-    low, high = interval({str(i): [value] for i, value in enumerate(values)}, seed=3) or (0.0, 0.0)
+    low, high = interval({0: {str(i): [value] for i, value in enumerate(values)}}, seed=3) or (0.0, 0.0)
     # Normal theory for the mean of 40 independent values; the bootstrap agrees within a tenth of its width.
     half = 1.96 * values.std() / np.sqrt(len(values))
     assert low == pytest.approx(values.mean() - half, abs=0.2 * half)
@@ -41,16 +48,16 @@ def test_the_interval_of_one_frame_a_subject_is_the_bootstrap_of_subjects() -> N
 def test_frames_of_one_subject_do_not_count_as_independent() -> None:
     rng = np.random.default_rng(2)
     hands = rng.normal(30, 3, 5)
-    clustered = interval({str(i): list(hand + rng.normal(0, 0.1, 50)) for i, hand in enumerate(hands)}, seed=0)
-    alone = interval({str(i): [hand] for i, hand in enumerate(hands)}, seed=0)
+    clustered = interval({0: {str(i): list(hand + rng.normal(0, 0.1, 50)) for i, hand in enumerate(hands)}}, seed=0)
+    alone = interval({0: {str(i): [hand] for i, hand in enumerate(hands)}}, seed=0)
     assert clustered is not None and alone is not None
     assert clustered[1] - clustered[0] == pytest.approx(alone[1] - alone[0], rel=0.1)
 
 
 def test_the_interval_repeats_and_needs_two_values() -> None:
-    values = {name: list(np.random.default_rng(ord(name)).normal(size=9)) for name in "abcd"}
+    values = {0: {name: list(np.random.default_rng(ord(name)).normal(size=9)) for name in "abcd"}}
     assert interval(values, seed=5) == interval(values, seed=5) != interval(values, seed=6)
-    assert interval({"a": [1.0]}, seed=0) is None
+    assert interval({0: {"a": [1.0]}, 1: {"a": [2.0]}}, seed=0) is None
 
 
 def test_every_method_and_column_is_there(whole_run: Path) -> None:

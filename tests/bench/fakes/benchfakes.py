@@ -35,8 +35,10 @@ STOP_AT: dict[str, int] = {}  # method name to the relight call that a user inte
 
 _TOPOLOGY = Topology([[0, 1, 2]], [[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
 _EYE = np.eye(3, 4)
+_OLATS = [Directional([0.6, 0, 0.8], [0.1] * 3), Directional([-0.6, 0, 0.8], [0.2] * 3)]
+_OLATS += [Directional([0, 0.6, 0.8], [0.3] * 3), Directional([0, -0.6, 0.8], [0.4] * 3)]
 _LIGHTS: dict[str, tuple[str, Light]] = {
-    **{f"olat-{i:02d}": ("olat", Directional([0, 0, 1], [0.1 * (i + 1)] * 3)) for i in range(4)},
+    **{f"olat-{i:02d}": ("olat", light) for i, light in enumerate(_OLATS)},
     "group-0": ("group", Directional([0, 1, 0], [0.6] * 3)),
     "full": ("full", Directional([1, 0, 0], [1.0] * 3)),
     "env-park": ("environment", Environment("park", np.full((2, 4, 3), 0.2))),
@@ -72,6 +74,8 @@ class ToyCapture(Capture):
 
 
 def open_toy(size: str = "quick", folder: Path | None = None, progress: Progress = silent) -> Capture:
+    CALLS["open"] += 1
+    progress(1, 1)
     if size not in ("tiny", "damaged"):
         raise InputError(f"unknown size {size!r}")
     return ToyCapture(damaged="s02/pose-2/front/group-0" if size == "damaged" else "")
@@ -141,7 +145,9 @@ class ToyPrior(Prior):
 class Toy(Method):
     def __init__(self, name: str, config: dict[str, Any]) -> None:
         linear = name in ("toy", "toy-square")
-        self.info = MethodInfo(name, name.title(), "for tests", universal=name != "toy-identity", linear=linear)
+        lights = frozenset({"directional"} if name == "toy-directional" else {"directional", "environment"})
+        universal = name != "toy-identity"
+        self.info = MethodInfo(name, name.title(), "for tests", universal=universal, linear=linear, lights=lights)
         self._config = config
 
     @property
@@ -159,7 +165,10 @@ class Toy(Method):
         return ToyPrior(self.info.name, gain)
 
     def load(self, folder: Path) -> Prior:
-        return ToyPrior(self.info.name, json.loads((folder / "gain.json").read_text()))
+        try:
+            return ToyPrior(self.info.name, json.loads((folder / "gain.json").read_text()))
+        except ValueError as error:
+            raise InputError(f"{folder} is damaged; train again") from error
 
 
 def __getattr__(name: str) -> Any:
@@ -170,6 +179,8 @@ def __getattr__(name: str) -> Any:
 
     def create(preset: str = "quick") -> Method:
         CALLS[f"{method} create"] += 1
+        if preset == "fast":
+            raise InputError("unknown preset 'fast'")
         return Toy(method, {"preset": preset})
 
     return create
