@@ -9,7 +9,7 @@ side (against the nail for fingers and thumb), x = y × z. A joint's axis-angle 
 
 Angles count from the rest pose of the template, whose fingers are already bent by about 10° (knuckle), 7° and 7°
 and spread by about 8° a finger; the limits below are the usual anatomical ranges minus that.
-Source of ranges: Kapandji, The Physiology of the Joints 1, and the AAOS tables: knuckle (MCP) −20…90°, ±20° sideways;
+Ranges, rounded from those that anatomy gives for adults: knuckle (MCP) −20…90°, ±20° sideways;
 PIP 0…110°; DIP 0…80°; wrist −70…80° and −20…35°; fourth and fifth metacarpal 10° and 20°; thumb IP −15…80°.
 """
 

@@ -30,8 +30,8 @@ class Config:
     texture: int = 128
     steps: int = 2400
     batch: int = 1
-    rate: tuple[float, float] = (1e-3, 1e-4)
-    warmup: int = 100
+    rate: tuple[float, float] = (5e-4, 5e-5)
+    warmup: int = 300
     lights: tuple[int, ...] = (1, 2, 3, 5)
     displacement: float = 3e-3
     roughness: tuple[float, float] = (0.1, 0.9)
@@ -51,7 +51,7 @@ class Config:
 PRESETS = {
     "smoke": Config(texture=64, steps=30, warmup=10),
     "quick": Config(),
-    "standard": Config(texture=256, steps=20_000, rate=(1e-3, 3e-5)),
+    "standard": Config(texture=256, steps=20_000, rate=(5e-4, 3e-5)),
     "paper": Config(texture=1024, steps=2_000_000, batch=24, rate=(1e-4, 3e-5), lights=(5,)),
 }
 

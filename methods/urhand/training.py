@@ -106,7 +106,8 @@ def train(model: URHandModel, recording: Recording, seed: int, progress: Progres
     }
     stage = views(recording, config.texture)
     rng = np.random.default_rng([17, seed])
-    optimiser = torch.optim.Adam(model.parameters(), lr=config.rate[0], fused=True)
+    # a short memory of squared gradients: one bad step of the multiplied layers is soon damped
+    optimiser = torch.optim.Adam(model.parameters(), lr=config.rate[0], betas=(0.9, 0.99), fused=True)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimiser, lambda step: rate_factor(config, step))
     running = 0.0
     for step, batch in enumerate(_batches(len(stage), config, rng), start=1):
