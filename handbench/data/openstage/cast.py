@@ -71,8 +71,18 @@ def _performances(preset: Preset, hand: OpenHand, subject: Subject) -> tuple[Per
     found = []
     for k in range(preset.train_poses + preset.held_out_poses):
         rng = np.random.default_rng([1005, subject.look.seed, k])
-        pose = named_pose("rest") if k == 0 else relaxed(hand, subject.identity, sample_pose(rng))
+        pose = named_pose("rest") if k == 0 else relaxed(hand, subject.identity, _own_pose(hand, rng))
         rotation = rng.normal(0.0, np.radians([7.0, 16.0, 6.0])) if k else np.zeros(3)
         segment = "train" if k < preset.train_poses else "held-out"
         found.append(Performance(f"pose-{k}", segment, Pose(pose.joints, rotation, np.zeros(3))))
     return tuple(found)
+
+
+def _own_pose(hand: OpenHand, rng: np.random.Generator) -> Pose:
+    """A random pose for a picture that anyone may see: the middle finger is not stretched alone."""
+    while True:
+        pose = sample_pose(rng)
+        flexion = dict(zip(hand.joint_names, pose.joints[:, 0], strict=True))
+        index, middle, ring = (flexion[f"{finger}1"] + flexion[f"{finger}2"] for finger in ("index", "middle", "ring"))
+        if min(index, ring) - middle < np.radians(20.0):
+            return pose
