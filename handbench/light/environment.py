@@ -8,6 +8,7 @@ Radiance is constant within a texel.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -63,15 +64,20 @@ def rotate(environment: Environment, angle: float) -> Environment:
     return Environment(environment.name, turned)
 
 
+@lru_cache(maxsize=16)
 def to_directional(environment: Environment, height: int = 16, width: int = 32) -> tuple[Array, Array]:
     """The map as distant lights: unit directions (N, 3) and irradiance (N, 3) float64, dark texels left out.
 
-    Each texel of the reduced map is a light at its centre whose irradiance is radiance times solid angle.
+    Each texel of the reduced map is a light at its centre whose irradiance is radiance times solid angle. The last
+    maps' answers are kept (read-only): an environment lights many frames, and the threads of the reduction's matrix
+    products, which spin on, would slow the networks that follow.
     """
     small = resize(environment, height, width)
     irradiance = (small.radiance.astype(np.float64) * solid_angles(height, width)[..., None]).reshape(-1, 3)
     lit = irradiance.any(axis=1)
-    return directions(height, width).reshape(-1, 3)[lit], irradiance[lit]
+    where, power = directions(height, width).reshape(-1, 3)[lit], irradiance[lit]
+    where.flags.writeable = power.flags.writeable = False
+    return where, power
 
 
 def read(path: Path) -> Environment:

@@ -14,7 +14,8 @@ from handbench.errors import InputError
 from handbench.light.lightset import light_samples
 from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
 from handbench.render.posed import PosedSurface, raster
-from handbench.scene import Mesh, Prediction, Query
+from handbench.render.shading import relight, transfer
+from handbench.scene import Camera, Mesh, Prediction, Query
 
 from ..nets.weights import load_state, save_state
 from ..picture import prediction
@@ -24,6 +25,8 @@ from .model import Material, URHandModel
 from .training import train
 
 _KEPT_POSES = 8
+# A transfer takes 48 MB at 128 texels and 512 lights; below this many lights it would save nothing.
+_KEPT_TRANSFERS, _MANY_LIGHTS = 4, 128
 
 INFO = MethodInfo(
     name="urhand",
@@ -37,21 +40,35 @@ INFO = MethodInfo(
 
 
 class URHandAvatar(Avatar):
-    """A subject: the shared networks and its own mean texture. Materials of the last few poses are kept."""
+    """A subject: the shared networks and its own mean texture. What the last few poses share is kept."""
 
     def __init__(self, model: URHandModel, texture: Tensor) -> None:
         self._model, self._texture = model, texture
         self._materials: OrderedDict[Mesh, Material] = OrderedDict()
+        self._transfers: OrderedDict[tuple[Mesh, Camera, bytes], Tensor] = OrderedDict()
 
     @torch.no_grad()  # not inference_mode: caches are shared with training
     def relight(self, query: Query) -> Prediction:
         model, config = self._model, self._model.config
         posed = PosedSurface.of(query.mesh, config.texture)
         material = self._material(query, posed)
-        lights = light_samples(query.light, config.environment)
-        features = model.features(material, posed, query.camera.centre, lights, posed.visibility(lights))
+        features = self._features(query, posed, material)
         colour, _ = model.colour(features, material, self._texture, posed.atlas)
         return prediction(raster(query.mesh, query.camera), posed.atlas.dilate(posed.atlas.scatter(colour)))
+
+    def _features(self, query: Query, posed: PosedSurface, material: Material) -> Tensor:
+        """Shading features (6, N). Many distant lights, as an environment has, go through a kept transfer."""
+        lights = light_samples(query.light, self._model.config.environment)
+        centre = query.camera.centre
+        if len(lights.directions) < _MANY_LIGHTS or len(lights.positions):
+            return self._model.features(material, posed, centre, lights, posed.visibility(lights))
+        key = (query.mesh, query.camera, lights.directions.tobytes())
+        if key not in self._transfers:
+            known = (material.normal, posed.position, material.roughness, centre)
+            self._transfers[key] = transfer(*known, lights.directions, posed.visibility(lights))
+            if len(self._transfers) > _KEPT_TRANSFERS:
+                self._transfers.popitem(last=False)
+        return torch.cat(relight(self._transfers[key], lights.irradiance))
 
     def _material(self, query: Query, posed: PosedSurface) -> Material:
         if query.mesh not in self._materials:

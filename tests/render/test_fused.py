@@ -1,4 +1,4 @@
-"""The fused kernel gives what the tiles give."""
+"""The fused kernel and the kept transfer give what the tiles give."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import torch
 
 from handbench.light.lightset import LightSet
 from handbench.render import shading
-from handbench.render.shading import light_features
+from handbench.render.shading import light_features, relight, transfer
 
 
 @pytest.fixture
@@ -39,3 +39,12 @@ def test_gradients_keep_to_the_tiles(scene, monkeypatch: pytest.MonkeyPatch) -> 
     roughness = roughness.requires_grad_()
     light_features(normal, position, roughness, centre, lights, visible)[1].sum().backward()
     assert roughness.grad is not None and roughness.grad.abs().max() > 0
+
+
+def test_a_transfer_relights_as_the_tiles_do(scene) -> None:
+    *maps, lights, visible = scene
+    known = transfer(*maps, lights.directions, visible)
+    for irradiance in (lights.irradiance, lights.irradiance[::-1].copy()):
+        other = LightSet(lights.directions, irradiance, lights.positions, lights.intensities)
+        for one, two in zip(light_features(*maps, other, visible), relight(known, irradiance), strict=True):
+            assert (one - two).abs().max() < 1e-5 * one.abs().max()
