@@ -94,8 +94,11 @@ class Prior(ABC):
     """What a method learned from all training subjects."""
 
     @abstractmethod
-    def personalise(self, enrolment: Recording, seed: int = 0) -> Avatar:
-        """The avatar of the enrolment's one subject. Raises `Unsupported` if the enrolment lacks what it needs."""
+    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
+        """The avatar of the enrolment's one subject; what is trained here tells `progress`.
+
+        Raises `Unsupported` if the enrolment lacks what it needs.
+        """
 
     @abstractmethod
     def save(self, folder: Path) -> None:

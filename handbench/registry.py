@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from .errors import InputError, unknown_name
@@ -16,18 +17,23 @@ from .errors import InputError, unknown_name
 
 @dataclass(frozen=True)
 class Entry:
-    """A plug-in: `target` is "module:attribute"; `summary` is one line for `handbench list`."""
+    """A plug-in: `target` is "module:attribute"; `summary` is one line for `handbench list`.
+
+    `settings` are keyword arguments the target is always called with: several entries may share one factory.
+    """
 
     name: str
     target: str
     summary: str
+    settings: tuple[tuple[str, str], ...] = ()
 
     def load(self) -> Any:
         module, _, attribute = self.target.partition(":")
         try:
-            return getattr(importlib.import_module(module), attribute)
+            loaded = getattr(importlib.import_module(module), attribute)
         except (ImportError, AttributeError) as error:
             raise InputError(f"plug-in {self.name!r} at {self.target!r} cannot be loaded: {error}") from error
+        return partial(loaded, **dict(self.settings)) if self.settings else loaded
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,8 @@ class Camera:
             raise InputError(f"{owner}: size {self.width}x{self.height} must be at least 1x1")
         _set(self, "K", _array(owner, "K", self.K, (3, 3), np.float64))
         _set(self, "world_to_camera", _array(owner, "world_to_camera", self.world_to_camera, (3, 4), np.float64))
+        if abs(np.linalg.det(self.K)) < 1e-12:
+            raise InputError(f"{owner}: K has no inverse; give focal lengths in pixels")
         rotation = self.world_to_camera[:, :3]
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4) or np.linalg.det(rotation) < 0:
             raise InputError(f"{owner}: world_to_camera is not a rigid transform; check its handedness and scale")

@@ -2,6 +2,8 @@
 
 from handbench.registry import Entry
 
+from .ablations import ABLATIONS
+
 ENTRIES: tuple[Entry, ...] = (
     Entry("oracle", "handbench.methods.oracle:create", "the path-traced truth fed back: perfect, or the run is wrong"),
     Entry("mean", "handbench.methods.mean:create", "mean texture under the mean light: the floor"),
@@ -14,6 +16,20 @@ ENTRIES: tuple[Entry, ...] = (
         "mean texture, the parametric BRDF of URHand on the coarse mesh",
     ),
     Entry(
+        "relightablehands",
+        "handbench.methods.relightablehands:create",
+        "texture decoder of one identity on a mesh, one pass a light",
+    ),
+    Entry(
         "urhand", "handbench.methods.urhand:create", "URHand: physical branch, neural branch, linear lighting network"
+    ),
+    *(
+        Entry(
+            f"urhand-{name}",
+            "handbench.methods.urhand:create",
+            f"ablation of urhand: {a.summary}",
+            (("ablation", name),),
+        )
+        for name, a in ABLATIONS.items()
     ),
 )

@@ -33,7 +33,7 @@ class MeanPrior(Prior):
     def __init__(self, exposure: float) -> None:
         self.exposure = exposure
 
-    def personalise(self, enrolment: Recording, seed: int = 0) -> Avatar:
+    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
         return MeanAvatar(self.exposure * mean_texture(enrolment, TEXTURE).texture)
 
     def save(self, folder: Path) -> None:

@@ -24,7 +24,7 @@ class OracleAvatar(Avatar):
 
 
 class OraclePrior(Prior):
-    def personalise(self, enrolment: Recording, seed: int = 0) -> Avatar:
+    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
         return OracleAvatar(enrolment)
 
     def save(self, folder: Path) -> None:

@@ -20,8 +20,10 @@ from handbench.errors import InputError, Unsupported, unknown_name
 from handbench.light.lightset import light_samples
 from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
 from handbench.render.posed import PosedSurface, raster
+from handbench.render.raster import Raster
 from handbench.render.shading import Model, light_features
 from handbench.scene import Frame, Prediction, Query
+from handbench.skips import note, skips
 
 from .nets.weights import load_state, save_state
 from .picture import prediction
@@ -51,9 +53,8 @@ def full_exposure(enrolment: Recording, size: int) -> float:
         if id(frame.mesh) not in seen:
             seen.add(id(frame.mesh))
             posed = PosedSurface.of(frame.mesh, size)
-            rough = torch.full((posed.atlas.count,), 0.5)
-            diffuse, _ = shade(posed, frame, rough, "diffuse")
-            features.append(float(diffuse.mean()))
+            diffuse, _ = shade(posed, frame, 0.5, "diffuse")
+            features.append(float(diffuse[:, torch.from_numpy(posed.atlas.covered)].mean()))
     return float(np.mean(features))
 
 
@@ -62,11 +63,28 @@ def normalised_texture(enrolment: Recording, size: int) -> Tensor:
     return mean_texture(enrolment, size).texture / full_exposure(enrolment, size)
 
 
-def shade(posed: PosedSurface, query: Query, roughness: Tensor, model: Model) -> tuple[Tensor, Tensor]:
-    """Diffuse and specular features (3, N) of a query on the coarse surface, with shadows."""
+def shade(
+    posed: PosedSurface, query: Query, roughness: float, model: Model, picture: Raster | None = None
+) -> tuple[Tensor, Tensor]:
+    """Diffuse and specular feature textures (3, R, R) of a query on the coarse surface, with shadows.
+
+    If they are made for one picture, texels that it does not look up are left at zero (`Skips.unseen`).
+    """
+    atlas = posed.atlas
     lights = light_samples(query.light)
-    visible = posed.visibility(lights)
-    return light_features(posed.normal, posed.position, roughness, query.camera.centre, lights, visible, model)
+    normal, position, texels = posed.normal, posed.position, None
+    note("texels outside charts", atlas.size**2, atlas.size**2 - atlas.count)
+    if picture is not None and skips().unseen:
+        texels = np.flatnonzero(atlas.needed(picture.texels(atlas.size)))
+        note("texels out of sight", atlas.count, atlas.count - len(texels))
+        normal, position = normal[:, texels], position[:, texels]
+    visible = posed.visibility(lights, texels=texels)
+    rough = torch.full((normal.shape[1],), roughness)
+    diffuse, specular = light_features(normal, position, rough, query.camera.centre, lights, visible, model)
+    if texels is not None:
+        where = torch.from_numpy(texels)
+        diffuse, specular = (f.new_zeros(3, atlas.count).index_copy(1, where, f) for f in (diffuse, specular))
+    return atlas.scatter(diffuse), atlas.scatter(specular)
 
 
 class ReflectanceAvatar(Avatar):
@@ -77,11 +95,12 @@ class ReflectanceAvatar(Avatar):
     def relight(self, query: Query) -> Prediction:
         prior = self._prior
         posed = PosedSurface.of(query.mesh, prior.config.texture)
-        rough = torch.full((posed.atlas.count,), prior.roughness)
-        diffuse, specular = shade(posed, query, rough, prior.model)
-        atlas = posed.atlas
-        colour = prior.diffuse * diffuse * atlas.gather(self._texture) + prior.specular * specular
-        return prediction(raster(query.mesh, query.camera), atlas.dilate(atlas.scatter(colour)))
+        picture = raster(query.mesh, query.camera)
+        # a fit that gave the specular lobe no share leaves nothing to work out
+        model: Model = prior.model if prior.specular or not skips().missing_lobes else "diffuse"
+        diffuse, specular = shade(posed, query, prior.roughness, model, picture)
+        colour = prior.diffuse * diffuse * self._texture + prior.specular * specular
+        return prediction(picture, posed.atlas.dilate(colour))
 
 
 class ReflectancePrior(Prior):
@@ -91,7 +110,7 @@ class ReflectancePrior(Prior):
         self.name, self.model, self.config = name, model, config
         self.diffuse, self.specular, self.roughness = fitted
 
-    def personalise(self, enrolment: Recording, seed: int = 0) -> Avatar:
+    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
         return ReflectanceAvatar(normalised_texture(enrolment, self.config.texture), self)
 
     def save(self, folder: Path) -> None:
@@ -138,10 +157,10 @@ class Reflectance(Method):
         """For each frame the two shaded pictures (pixels, 2) and the recorded one (pixels,)."""
         for frame in frames:
             posed = PosedSurface.of(frame.mesh, self._config.texture)
-            atlas = posed.atlas
-            diffuse, specular = shade(posed, frame, torch.full((atlas.count,), rough), self._model)
-            maps = torch.cat([diffuse * atlas.gather(textures[frame.subject]), specular])
-            pictures = raster(frame.mesh, frame.camera).sample(atlas.dilate(atlas.scatter(maps)))
+            picture = raster(frame.mesh, frame.camera)
+            diffuse, specular = shade(posed, frame, rough, self._model, picture)
+            maps = torch.cat([diffuse * textures[frame.subject], specular])
+            pictures = picture.sample(posed.atlas.dilate(maps))
             truth = recording.observe(frame).image
             yield pictures.reshape(2, -1).T.numpy().astype(np.float64), np.moveaxis(truth, -1, 0).ravel()
 

@@ -28,7 +28,7 @@ _truths: OrderedDict[tuple[str, bytes], list[Tensor]] = OrderedDict()
 
 def lpips(network: str, view: View) -> float:
     """The distance, 0 for equal images, of "alex" or "vgg". Images go one by one: batches are no faster on a CPU."""
-    with torch.inference_mode():
+    with torch.no_grad():  # not inference_mode: the weights that it loads may be trained through later
         truth = _of_truth(network, view.truth)
         prediction = _normalised(network, view.prediction)
         total = 0.0

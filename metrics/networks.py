@@ -57,13 +57,16 @@ def weights(network: str) -> dict[str, Tensor]:
     return {n: v.contiguous(memory_format=torch.channels_last) if v.ndim == 4 else v for n, v in named.items()}
 
 
-def features(network: str, images: Tensor) -> list[Tensor]:
-    """Features (N, C, h, w) after every stage, of images (N, 3, H, W) in [0, 1], at least 32 pixels wide and high."""
+def features(network: str, images: Tensor, stages: int | None = None) -> list[Tensor]:
+    """Features (N, C, h, w) after the first `stages` stages, or all of them, of images (N, 3, H, W) in [0, 1].
+
+    Images are at least 32 pixels wide and high.
+    """
     named = weights(network)
     shift, scale = (torch.tensor(v).view(1, 3, 1, 1) for v in (SHIFT, SCALE))
     x = ((2.0 * images - 1.0 - shift) / scale).contiguous(memory_format=torch.channels_last)
     taps, index = [], 0
-    for stage in STAGES[network]:
+    for stage in STAGES[network][:stages]:
         if stage.pool != (1, 1):
             x = max_pool2d(x, *stage.pool)
         for stride, padding in stage.convolutions:

@@ -8,9 +8,11 @@ from typing import Any
 
 from ..errors import InputError
 from ..method import Method, Prior, Progress, Recording
+from ..render.shadowstore import default_folder, kept_on_disk
 from .store import Store, writing
 
 _CURVE_POINTS = 500
+_SHADOW_BYTES = 1 << 30
 
 
 class Priors:
@@ -48,19 +50,22 @@ class Priors:
                 return method.load(self._store.prior_state(key)), kept["train_s"]
             except InputError:  # its weights are damaged: trained again
                 self._store.remove_prior(key)
-        curve = _Curve(progress)
+        curve = Curve(progress)
         about: dict[str, Any] = {"method": method.info.name, "config": method.config, "seed": seed}
         with self._store.writing_prior(key, about) as folder:
             start = time.perf_counter()
-            prior = method.train(recording(), seed, curve)
-            about["train_s"] = time.perf_counter() - start
+            # shadows kept on disk are not for relighting: its times must not depend on them
+            with kept_on_disk(default_folder(), _SHADOW_BYTES), self._store.checkpoints(key) as state:
+                prior = method.train(recording(), seed, curve)
+            about["train_s"] = time.perf_counter() - start + state.earlier_s
             about["curve"] = curve.points()
             with writing(folder):
                 prior.save(folder)
+        self._store.remove_checkpoints(key)
         return method.load(self._store.prior_state(key)), about["train_s"]
 
 
-class _Curve:
+class Curve:
     """A progress that keeps what it is told, for the loss curves of a report."""
 
     def __init__(self, progress: Progress) -> None:

@@ -4,6 +4,7 @@
     cells/<cell key>.json           one finished cell; files of earlier plans stay
     predictions/<cell key>/*.exr    what the method drew, half floats, one file a query ("/" becomes "__")
     priors/<prior key>/             state/ as the method saved it, and train.json
+    checkpoints/<key>/              trainings under way, of priors and of cells; gone when they are done
 
 Everything is written under a temporary name beside its place, flushed, and renamed, so a reader or a second
 process never sees half a file.
@@ -18,12 +19,13 @@ import shutil
 import socket
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..checkpoint import Checkpoints, checkpoints_in
 from ..errors import InputError, StorageError
 from ..scene import Prediction
 
@@ -96,6 +98,13 @@ class Store:
         folder = self.folder / "priors" / key
         with writing(folder):
             shutil.rmtree(folder)
+
+    def checkpoints(self, key: str) -> AbstractContextManager[Checkpoints]:
+        """Let a training of a prior or a cell keep its state, so that it goes on if it is stopped."""
+        return checkpoints_in(self.folder / "checkpoints" / key)
+
+    def remove_checkpoints(self, key: str) -> None:
+        _remove(self.folder / "checkpoints" / key)
 
     @contextmanager
     def writing_prior(self, key: str, about: dict[str, Any]) -> Iterator[Path]:

@@ -9,7 +9,7 @@ from torch import Tensor
 def rotation_matrix(axis_angle: Tensor) -> Tensor:
     """Rodrigues' formula: (..., 3) radians to (..., 3, 3), smooth at zero."""
     squared = (axis_angle**2).sum(-1)
-    small = squared < 1e-8
+    small = squared < max(1e-8, torch.finfo(axis_angle.dtype).tiny)
     safe = torch.where(small, torch.ones_like(squared), squared)
     angle = safe.sqrt()
     sinc = torch.where(small, 1 - squared / 6, angle.sin() / angle)
@@ -44,7 +44,7 @@ def proportion(
     moved: list[Tensor] = []
     for j, parent in enumerate(parents):
         if parent < 0:
-            moved.append(heads[j])
+            moved.append(stretch[j] @ heads[j])
         else:
             moved.append(moved[parent] + stretch[parent] @ (heads[j] - heads[parent]))
     new_heads = torch.stack(moved)

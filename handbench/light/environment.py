@@ -18,29 +18,35 @@ from ..errors import InputError
 from ..scene import Array, Environment
 
 
-def directions(height: int, width: int) -> Array:
-    """Unit directions to the centres of the texels, (H, W, 3) float64."""
-    theta = (np.arange(height)[:, None] + 0.5) * (np.pi / height)
+def directions(height: int, width: int, rows: slice = slice(None)) -> Array:
+    """Unit directions to the centres of the texels, (H, W, 3) float64; of some rows if asked."""
+    theta = ((np.arange(height)[:, None] + 0.5) * (np.pi / height))[rows]
     phi = (np.arange(width) + 0.5) * (2.0 * np.pi / width)
-    up = np.broadcast_to(np.cos(theta), (height, width))
+    up = np.broadcast_to(np.cos(theta), (len(theta), width))
     return np.stack([np.sin(theta) * np.sin(phi), up, -np.sin(theta) * np.cos(phi)], axis=-1)
 
 
 def solid_angles(height: int, width: int) -> Array:
     """Solid angles of the texels, (H, W) float64 steradians; their sum is 4 pi."""
-    bands = -np.diff(np.cos(np.linspace(0.0, np.pi, height + 1)))
+    # cos a - cos b as a product: the difference would lose digits at the poles
+    bands = 2.0 * np.sin(0.5 * np.pi / height) * np.sin((np.arange(height) + 0.5) * (np.pi / height))
     return np.repeat(bands[:, None], width, axis=1) * (2.0 * np.pi / width)
 
 
 def resize(environment: Environment, height: int, width: int) -> Environment:
-    """The map at another size: each texel is the mean radiance over its solid angle, so power is kept."""
+    """The map at another size: each texel is the mean radiance over its solid angle, so power is kept.
+
+    Raises `InputError` for a size below 1 x 1.
+    """
+    if height < 1 or width < 1:
+        raise InputError(f"environment {environment.name!r} cannot have {height}x{width} texels; give at least 1x1")
     old_height, old_width = environment.radiance.shape[:2]
     if (old_height, old_width) == (height, width):
         return environment
     rows = _overlaps(*(-np.cos(np.linspace(0.0, np.pi, n + 1)) for n in (height, old_height)))
     columns = _overlaps(*(np.linspace(0.0, 1.0, n + 1) for n in (width, old_width)))
-    radiance = environment.radiance.astype(np.float64)
-    return Environment(environment.name, np.einsum("iy,jx,yxc->ijc", rows, columns, radiance, optimize=True))
+    banded = (rows @ environment.radiance.reshape(old_height, -1)).reshape(height, old_width, 3)
+    return Environment(environment.name, columns @ banded)
 
 
 def _overlaps(new: Array, old: Array) -> Array:
@@ -54,9 +60,14 @@ def rotate(environment: Environment, angle: float) -> Environment:
     """The environment turned by `angle` radians about +y (right-handed: +z goes to +x at a quarter turn).
 
     Texels are shared between two columns where the turn is no whole number of columns; power is kept.
+    Raises `InputError` for an angle that is NaN or infinite.
     """
+    if not np.isfinite(angle):
+        raise InputError(f"environment {environment.name!r} cannot be turned by {angle} radians; give a finite angle")
     width = environment.radiance.shape[1]
     shift = -angle / (2.0 * np.pi) * width  # azimuth here falls under a right-handed turn
+    if abs(shift - round(shift)) < 1e-9 * width:  # rounding must not leak light into dark texels
+        shift = round(shift)
     whole = int(np.floor(shift))
     part = shift - whole
     radiance = environment.radiance.astype(np.float64)
@@ -65,17 +76,21 @@ def rotate(environment: Environment, angle: float) -> Environment:
 
 
 @lru_cache(maxsize=16)
-def to_directional(environment: Environment, height: int = 16, width: int = 32) -> tuple[Array, Array]:
-    """The map as distant lights: unit directions (N, 3) and irradiance (N, 3) float64, dark texels left out.
+def to_directional(
+    environment: Environment, height: int = 16, width: int = 32, dark: bool = False
+) -> tuple[Array, Array]:
+    """The map as distant lights: unit directions (N, 3) and irradiance (N, 3) float64; dark texels are left out.
 
-    Each texel of the reduced map is a light at its centre whose irradiance is radiance times solid angle. The last
-    maps' answers are kept (read-only): an environment lights many frames, and the threads of the reduction's matrix
-    products, which spin on, would slow the networks that follow.
+    Each texel of the reduced map is a light at its centre whose irradiance is radiance times solid angle; `dark`
+    keeps those without any. The last maps' answers are kept (read-only): an environment lights many frames, and the
+    threads of the reduction's matrix products, which spin on, would slow the networks that follow.
     """
     small = resize(environment, height, width)
-    irradiance = (small.radiance.astype(np.float64) * solid_angles(height, width)[..., None]).reshape(-1, 3)
-    lit = irradiance.any(axis=1)
-    where, power = directions(height, width).reshape(-1, 3)[lit], irradiance[lit]
+    where = directions(height, width).reshape(-1, 3)
+    power = (small.radiance.astype(np.float64) * solid_angles(height, width)[..., None]).reshape(-1, 3)
+    if not dark:
+        lit = power.any(axis=1)
+        where, power = where[lit], power[lit]
     where.flags.writeable = power.flags.writeable = False
     return where, power
 

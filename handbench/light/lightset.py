@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..scene import Array, Directional, Environment, Light, Point, leaves
+from ..skips import note, skips
 from .environment import to_directional
+from .reduction import reduced
+
+_BILLION = 10**9
 
 
 @dataclass(frozen=True)
@@ -27,26 +31,57 @@ class LightSet:
         return len(self.directions) + len(self.positions)
 
 
-def light_samples(light: Light, environment_size: tuple[int, int] = (16, 32)) -> LightSet:
-    """A light as distant and near lights, in float64; those without power are left out.
+def light_samples(
+    light: Light, environment_size: tuple[int, int] = (16, 32), environment_lights: int | None = None
+) -> LightSet:
+    """A light as distant and near lights, in float64; groups are opened in order.
 
-    Environments are reduced to `environment_size` texels (rows, columns; URHand uses 16 x 32) with their
-    power kept, one distant light a texel.
+    Environments are reduced to `environment_size` texels (rows, columns; URHand uses 16 x 32) with their power kept,
+    one distant light a texel, or to at most `environment_lights` lights where the light is (`reduced`).
+    Lights without power are left out, and with `Skips.faint_lights` the faintest distant ones too: what is admitted
+    is noted in billionths of their power. Near lights are never faint: how far away they are decides.
     """
     distant: list[tuple[Array, Array]] = []
     near: list[tuple[Array, Array]] = []
     for leaf in leaves(light):
         if isinstance(leaf, Environment):
-            distant.append(to_directional(leaf, *environment_size))
+            distant.append(_environment(leaf, environment_size, environment_lights))
         elif isinstance(leaf, Directional):
             distant.append((leaf.direction[None], leaf.irradiance[None]))
         elif isinstance(leaf, Point):
             near.append((leaf.position[None], leaf.intensity[None]))
-    return LightSet(*_lit(distant), *_lit(near))
+    parts = [_joined(distant), _joined(near)]
+    if skips().dark_lights:
+        total = sum(len(power) for _, power in parts)
+        parts = [(where[lit], power[lit]) for where, power in parts for lit in [power.any(axis=1)]]
+        note("lights", total, total - sum(len(power) for _, power in parts))
+    if skips().faint_lights > 0.0:
+        parts[0] = _without_faint(*parts[0], skips().faint_lights)
+    return LightSet(*parts[0], *parts[1])
 
 
-def _lit(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+def _environment(leaf: Environment, size: tuple[int, int], lights: int | None) -> tuple[Array, Array]:
+    again = skips().repeated
+    if lights is not None:
+        return reduced(leaf, lights) if again else reduced.__wrapped__(leaf, lights)
+    return (to_directional if again else to_directional.__wrapped__)(leaf, *size, dark=True)
+
+
+def _joined(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
     where = np.concatenate([part[0] for part in parts]) if parts else np.zeros((0, 3))
     power = np.concatenate([part[1] for part in parts]) if parts else np.zeros((0, 3))
-    lit = power.any(axis=1)
-    return where[lit], power[lit]
+    return where, power
+
+
+def _without_faint(where: Array, power: Array, share: float) -> tuple[Array, Array]:
+    """The lights without the faintest, whose power together is at most `share` of the whole."""
+    strength = power.sum(axis=1)
+    order = np.argsort(strength, kind="stable")
+    gone = np.cumsum(strength[order])
+    count = int(np.searchsorted(gone, share * strength.sum(), side="right"))
+    keep = np.ones(len(power), dtype=bool)
+    keep[order[:count]] = False
+    admitted = gone[count - 1] / strength.sum() if count and strength.any() else 0.0
+    note("faint lights", len(power), count)
+    note("faint power (billionths)", _BILLION, int(np.ceil(admitted * _BILLION)))
+    return where[keep], power[keep]

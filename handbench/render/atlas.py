@@ -18,6 +18,7 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..scene import Array, Topology
+from ..skips import skips
 from .rays import RayScene
 
 
@@ -26,9 +27,12 @@ class Atlas:
 
     covered (R, R) bool; texels (N,) flat indices of the covered ones; face (N,), barycentric (N, 3) float64,
     chart (N,) the island of each covered texel.
+
+    With `copies` there are N = R x R texels: what is not covered is worked on too, as a copy of its nearest covered
+    texel, whose index `texels` then repeats. Maps and pictures are the same; it is what `Skips.uncovered` saves.
     """
 
-    def __init__(self, topology: Topology, size: int) -> None:
+    def __init__(self, topology: Topology, size: int, copies: bool = False) -> None:
         if size < 1:
             raise InputError(f"texture size {size} must be at least 1")
         self.topology = topology
@@ -43,15 +47,22 @@ class Atlas:
         self.barycentric: Array = hits.barycentric[hits.hit].astype(np.float64)
         if len(self.texels) == 0:
             raise InputError(f"no texel of a {size}x{size} texture is covered by the UVs; check the mesh's UVs")
+        self._originals: Tensor | None = None
+        if copies:
+            self._originals = torch.from_numpy(self.texels)
+            copied = np.cumsum(hits.hit)[self._nearest[0].numpy()] - 1
+            self.texels, self.face, self.barycentric = (v[copied] for v in (self.texels, self.face, self.barycentric))
 
     @staticmethod
     def of(topology: Topology, size: int) -> Atlas:
-        """The atlas of a topology and size; the last few are kept."""
-        return _atlas_of(topology, size)
+        """The atlas of a topology and size; the last few are kept. See `Skips.uncovered` and `Skips.repeated`."""
+        chosen = skips()
+        make = _atlas_of if chosen.repeated else Atlas
+        return make(topology, size, not chosen.uncovered)
 
     @property
     def count(self) -> int:
-        """Number N of covered texels."""
+        """Number N of texels that are worked on."""
         return len(self.texels)
 
     @cached_property
@@ -92,7 +103,11 @@ class Atlas:
     def scatter(self, values: Tensor) -> Tensor:
         """Maps (..., R, R) of values (..., N) at the covered texels, zero elsewhere; differentiable."""
         blank = values.new_zeros(*values.shape[:-1], self.size * self.size)
-        return blank.index_copy(-1, self._index, values).unflatten(-1, (self.size, self.size))
+        index = self._index
+        if self._originals is not None:  # copies are dropped
+            index = self._originals
+            values = values.index_select(-1, index)
+        return blank.index_copy(-1, index, values).unflatten(-1, (self.size, self.size))
 
     def dilate(self, texture: Tensor, texels: int | None = None) -> Tensor:
         """Maps (..., R, R) with each uncovered texel set to its nearest covered one; differentiable.
@@ -106,7 +121,13 @@ class Atlas:
             filled = filled * (distance <= texels)
         return filled.unflatten(-1, (self.size, self.size))
 
+    def needed(self, looked_up: Array) -> Array:
+        """Which texels (N,) bool a lookup of some texels (R*R,) bool of a dilated map depends on."""
+        sources = np.zeros(self.size * self.size, dtype=bool)
+        sources[self._nearest[0].numpy()[looked_up]] = True
+        return sources[self.texels]
+
 
 @lru_cache(maxsize=16)
-def _atlas_of(topology: Topology, size: int) -> Atlas:
-    return Atlas(topology, size)
+def _atlas_of(topology: Topology, size: int, copies: bool) -> Atlas:
+    return Atlas(topology, size, copies)

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..scene import Array, Camera, Mesh
+from ..skips import note, skips
 from .rays import RayScene
 from .surface import mesh_normals
 
@@ -71,15 +72,26 @@ class Raster:
 
         Lookups near the border of a chart touch texels outside it: dilate the texture first (`Atlas.dilate`).
         """
-        if texture.ndim != 3 or texture.shape[1] != texture.shape[2]:
+        if texture.ndim != 3 or texture.shape[1] != texture.shape[2] or not texture.numel():
             raise InputError(f"texture has shape {tuple(texture.shape)}, expected (C, R, R)")
-        size = texture.shape[1]
-        if size not in self._lookups:
-            self._lookups[size] = self._lookup(size)
-        image = _Gather.apply(texture.flatten(1), self._lookups[size])
+        image = _Gather.apply(texture.flatten(1), self._lookup(texture.shape[1]))
         return image.unflatten(1, (self.camera.height, self.camera.width))
 
+    def texels(self, size: int) -> Array:
+        """Which texels of a size x size texture, (size * size,) bool row by row, `sample` looks up."""
+        touched = np.zeros(size * size, dtype=bool)
+        touched[self._lookup(size).forward.indices] = True
+        return touched
+
     def _lookup(self, size: int) -> _Lookup:
+        """The lookup at a texture size; kept, see `Skips.repeated`."""
+        known = skips().repeated and size in self._lookups
+        note("texture lookups", 1, known)
+        if not known:
+            self._lookups[size] = self._new_lookup(size)
+        return self._lookups[size]
+
+    def _new_lookup(self, size: int) -> _Lookup:
         """The sparse matrix from texels to seen pixels."""
         u, v = self.uv.T
         x, y = u * size - 0.5, (1.0 - v) * size - 0.5
@@ -114,20 +126,21 @@ class _Gather(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, texture: Tensor, lookup: _Lookup) -> Tensor:
         ctx.lookup = lookup
-        seen = torch.from_numpy(lookup.forward @ np.ascontiguousarray(texture.detach().numpy().T))
+        seen = torch.from_numpy(lookup.forward @ np.ascontiguousarray(texture.detach().float().numpy().T))
         image = texture.new_zeros(texture.shape[0], lookup.count)
         return image.index_copy_(1, lookup.pixels, seen.T.to(texture.dtype))
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
-        seen = gradient.index_select(1, ctx.lookup.pixels).T.contiguous().numpy()
+        seen = gradient.index_select(1, ctx.lookup.pixels).float().T.contiguous().numpy()
         return torch.from_numpy(np.ascontiguousarray((ctx.lookup.backward @ seen).T)).to(gradient.dtype), None
 
 
 def rasterise(mesh: Mesh, camera: Camera, supersample: int = 3) -> Raster:
     """The mesh through the camera, supersample^2 rays a pixel on a regular grid.
 
-    Only pixels in the mesh's projected box get rays. Raises `InputError` for a supersample below 1.
+    Only pixels in the mesh's projected box get rays (`Skips.outside_box`).
+    Raises `InputError` for a supersample below 1.
     """
     if supersample < 1:
         raise InputError(f"supersample {supersample} must be at least 1")
@@ -139,13 +152,15 @@ def _subsamples(mesh: Mesh, camera: Camera, supersample: int) -> tuple[Array, Ar
     rotation, translation = camera.world_to_camera[:, :3], camera.world_to_camera[:, 3]
     points = mesh.vertices @ rotation.T + translation
     size = np.array([camera.width, camera.height])
-    if (points[:, 2] > 1e-6).all():
+    if skips().outside_box and (points[:, 2] > 1e-6).all():
         projected = points @ camera.K.T
         projected = projected[:, :2] / projected[:, 2:]
         low, high = np.floor(projected.min(axis=0)), np.ceil(projected.max(axis=0))
-    else:  # part of the mesh is beside or behind the camera: its projection has no box
+    else:  # where part of the mesh is beside or behind the camera, its projection has no box
         low, high = np.zeros(2), size
     (left, top), (right, bottom) = (np.clip(edge, 0, size).astype(int) for edge in (low, high))
+    whole = camera.width * camera.height
+    note("camera rays", whole * supersample**2, (whole - (right - left) * (bottom - top)) * supersample**2)
     offset = (np.arange(supersample) + 0.5) / supersample
     columns = (np.arange(left, right)[:, None] + offset).ravel()
     rows = (np.arange(top, bottom)[:, None] + offset).ravel()

@@ -1,37 +1,36 @@
-"""Shading features: the light that texels reflect, summed over lights in tiles that fit the cache."""
+"""The light that texels reflect, summed over lights: in tiles that fit the cache, or in one fused loop.
+
+A model is a few responses of a texel to a light of unit power, none of which has colour:
+    brdf      cosine V; D F G cosine V           URHand supp. Eqs. 1-6
+    phong     cosine V; (r.d)^n V
+    diffuse   cosine V
+    disney    diffuse; D G (1 - S); D G S, each times cosine V, S Schlick's term: see `disney_radiance`
+Their sums over lights, coloured by the lights' power, are what everything here returns.
+
+Memory: beside arguments and answers (and what autograd keeps of them) a call takes at most about 16 MB for tiles
+and 300 bytes a texel, whatever the number of lights; `transfer` alone keeps lights x texels values.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Literal, TypeAlias
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.utils.checkpoint import checkpoint
 
+from ..errors import NonFinite
 from ..light.lightset import LightSet, light_samples
 from ..scene import Array
-from .brdf import SHININESS, clamp_roughness, distribution, fresnel, masking
-from .fused import fused_features
+from ..skips import note, skips
+from .brdf import mirror
+from .fused import RESPONSES
 from .surface import unit
+from .tiles import LIGHTS, Dots, blocks, distant, near, responses, summed
 
-__all__ = ["LightSet", "Model", "light_features", "light_samples"]
+__all__ = ["LightSet", "Model", "disney_radiance", "light_features", "light_samples", "relight", "transfer"]
 
 Model: TypeAlias = Literal["brdf", "phong", "diffuse"]
-Dots: TypeAlias = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor | None]]
-
-_PAIRS = 1 << 16
-"""Texel-light pairs in a tile: 256 kB for each of the dozen buffers of the kernel."""
-
-_LIGHTS = 32
-"""Lights in a tile."""
-
-_KEEP = 1 << 22
-"""Above this many pairs the backward pass recomputes tiles instead of keeping their buffers (60 bytes a pair)."""
-
-_FUSE = 1 << 20
-"""From this many pairs on the fused kernel, compiled once a shape, beats tiles where no gradient is needed."""
 
 
 def light_features(
@@ -48,29 +47,86 @@ def light_features(
     normal (3, N) unit, position (3, N) and camera_centre (3,) in metres, roughness (N); visibility (L + P, N)
     bool or weights in [0, 1], rows as in `lights`; None: everything is lit. The diffuse feature is the
     irradiance; it has no 1/pi and no albedo. `model` "brdf" gives the specular feature of Eqs. 3-6, "phong" that
-    of Phong (no cosine), "diffuse" zeros. Differentiable in normal, position, roughness and, if `lights` holds
-    tensors, in their irradiance and intensities. Lights without power are skipped unless they need a gradient.
+    of Phong (no cosine), "diffuse" zeros. Differentiable in normal (as a direction), position, roughness and, if
+    `lights` holds tensors, in their irradiance and intensities. Lights without power are skipped unless they need
+    a gradient (`Skips.dark_lights`); the faint ones are for `light_samples` to leave out. Half precision is raised to
+    single. Raises `NonFinite` for maps with NaN or infinity.
     """
-    centre = _tensor(camera_centre).to(normal.dtype)
-    view = unit(centre[:, None] - position)
-    maps = (normal, view, position, roughness)
+    normal, position, roughness = _checked(normal=normal, position=position, roughness=roughness)
+    absent = model == "diffuse" and skips().missing_lobes
+    note("lobes", 2, int(absent))
+    chosen = "brdf" if model == "diffuse" and not absent else model
+    sums = _shade(normal, position, roughness, camera_centre, lights, visibility, chosen)
+    return sums[0], torch.zeros_like(sums[0]) if model == "diffuse" else sums[1]
+
+
+def disney_radiance(
+    normal: Tensor,
+    position: Tensor,
+    albedo: Tensor,
+    roughness: Tensor,
+    metallic: Tensor,
+    camera_centre: Tensor | Array,
+    lights: LightSet,
+    visibility: Tensor | Array | None = None,
+) -> Tensor:
+    """Radiance (3, N) that N texels of the Disney BRDF (`brdf.disney`) send to the camera, linear in the lights.
+
+    albedo (3, N), roughness (N) and metallic (N), clamped to [0, 1]; the rest as in `light_features`.
+    Differentiable in all of them.
+    """
+    normal, position, roughness, albedo, metallic = _checked(
+        normal=normal, position=position, roughness=roughness, albedo=albedo, metallic=metallic
+    )
+    albedo, metallic = albedo.clamp(0.0, 1.0), metallic.clamp(0.0, 1.0)
+    diffuse, head_on, edge = _shade(normal, position, roughness, camera_centre, lights, visibility, "disney")
+    return (1.0 - metallic) * albedo * diffuse + mirror(albedo, metallic) * head_on + edge
+
+
+def _checked(**maps: Tensor) -> tuple[Tensor, ...]:
+    """The maps, at least in single precision."""
+    for name, values in maps.items():
+        if not values.isfinite().all():
+            bad = int((~values.isfinite()).sum())
+            raise NonFinite(f"shading: the {name} map holds {bad} values that are NaN or infinite")
+    return tuple(values.float() if values.element_size() < 4 else values for values in maps.values())
+
+
+def _shade(
+    normal: Tensor,
+    position: Tensor,
+    roughness: Tensor,
+    camera_centre: Tensor | Array,
+    lights: LightSet,
+    visibility: Tensor | Array | None,
+    model: str,
+) -> Tensor:
+    """The responses (K, 3, N) of a model summed over all lights."""
+    maps = _maps(normal, position, roughness, camera_centre)
     split = len(lights.directions)
     kinds: tuple[tuple[Tensor | Array, Tensor | Array, Dots, slice], ...] = (
-        (lights.directions, lights.irradiance, _distant, slice(0, split)),
-        (lights.positions, lights.intensities, _near, slice(split, None)),
+        (lights.directions, lights.irradiance, distant, slice(0, split)),
+        (lights.positions, lights.intensities, near, slice(split, None)),
     )
-    features = normal.new_zeros(2, *normal.shape)
+    sums = normal.new_zeros(RESPONSES[model], *normal.shape)
     for places, powers, dots, rows in kinds:
-        where, power = (_tensor(values).to(normal.dtype) for values in (places, powers))
+        where, power = _tensor(places).double(), _tensor(powers)
         seen = None if visibility is None else _tensor(visibility[rows])
-        if not power.requires_grad:
+        if skips().dark_lights and not power.requires_grad:
             lit = power.any(dim=1)
+            note("dark lights", len(lit), len(lit) - int(lit.sum()))
             if not lit.all():
                 where, power = where[lit], power[lit]
                 seen = None if seen is None else seen[lit]
         if len(where):
-            features = features + _sum(dots, where, power, seen, maps, model)
-    return features[0], features[1]
+            sums = sums + summed(dots, where, power.to(normal.dtype), seen, maps, model)
+    return sums
+
+
+def _maps(normal: Tensor, position: Tensor, roughness: Tensor, centre: Tensor | Array) -> tuple[Tensor, ...]:
+    """Unit normal and view and position (3, N) in float64, and the roughness (N)."""
+    position = position.double()
+    return unit(normal.double()), unit(_tensor(centre).double()[:, None] - position), position, roughness
 
 
 @torch.no_grad()
@@ -87,18 +143,15 @@ def transfer(
     For relighting a known pose and camera: the features are irradiance^T @ transfer, see `relight`. Takes 8 L N
     bytes (48 MB for a 16 x 32 environment at 128 texels); arguments as in `light_features`.
     """
-    view = unit(_tensor(camera_centre).to(normal.dtype)[:, None] - position)
-    where = _tensor(directions).to(normal.dtype)
+    maps = _maps(normal, position, roughness, camera_centre)
+    where = _tensor(directions).double()
     answer = normal.new_empty(2, len(where), normal.shape[1])
-    step = max(1, _PAIRS // min(_LIGHTS, len(where)))
-    for first in range(0, normal.shape[1], step):
-        texels = slice(first, first + step)
-        local = tuple(values[..., texels] for values in (normal, view, position, roughness))
-        for start in range(0, len(where), _LIGHTS):
-            some = slice(start, start + _LIGHTS)
-            diffuse, lobe = _response(_distant, where[some], visibility[some, texels], local, "brdf")
-            answer[0, some, texels] = diffuse
-            answer[1, some, texels] = lobe  # type: ignore[assignment]
+    for texels in blocks(len(where), normal.shape[1]):
+        local = tuple(values[..., texels] for values in maps)
+        for start in range(0, len(where), LIGHTS):
+            some = slice(start, start + LIGHTS)
+            both = responses(distant, where[some], visibility[some, texels], local, "brdf", normal.dtype)
+            answer[0, some, texels], answer[1, some, texels] = both
     return answer
 
 
@@ -111,103 +164,3 @@ def relight(known: Tensor, irradiance: Array) -> tuple[Tensor, Tensor]:
 def _tensor(values: Tensor | Array) -> Tensor:
     """The values as a tensor; read-only arrays are copied, which torch cannot share."""
     return values if isinstance(values, Tensor) else torch.from_numpy(np.require(values, requirements="W"))
-
-
-def _sum(
-    dots: Dots, where: Tensor, power: Tensor, seen: Tensor | None, maps: tuple[Tensor, ...], model: Model
-) -> Tensor:
-    """Both features (2, 3, N) under lights of one kind, tile by tile."""
-    count = maps[0].shape[1]
-    tracked = torch.is_grad_enabled() and any(values.requires_grad for values in (where, power, *maps))
-    if (
-        dots is _distant
-        and model == "brdf"
-        and not tracked
-        and len(where) * count >= _FUSE
-        and power.dtype == torch.float32
-    ):
-        normal, view, _, roughness = maps
-        return fused_features((normal, *_tangents(normal)), view, roughness, where, power, seen)
-    step = max(1, _PAIRS // min(_LIGHTS, len(where)))
-    keep = not torch.is_grad_enabled() or len(where) * count <= _KEEP
-    tiles = []
-    for first in range(0, count, step):
-        texels = slice(first, first + step)
-        local = tuple(values[..., texels] for values in maps)
-        parts = []
-        for start in range(0, len(where), _LIGHTS):
-            some = slice(start, start + _LIGHTS)
-            inputs = (dots, where[some], power[some], None if seen is None else seen[some, texels], local, model)
-            parts.append(_tile(*inputs) if keep else checkpoint(_tile, *inputs, use_reentrant=False))
-        tiles.append(sum(parts[1:], start=parts[0]))
-    return torch.cat(tiles, dim=2)
-
-
-def _tile(
-    dots: Dots, where: Tensor, power: Tensor, seen: Tensor | None, maps: tuple[Tensor, ...], model: Model
-) -> Tensor:
-    """Both features (2, 3, T) of T texels under L lights."""
-    diffuse, lobe = _response(dots, where, seen, maps, model)
-    specular = torch.zeros_like(maps[0]) if lobe is None else power.T @ lobe
-    return torch.stack([power.T @ diffuse, specular])
-
-
-def _response(
-    dots: Dots, where: Tensor, seen: Tensor | None, maps: tuple[Tensor, ...], model: Model
-) -> tuple[Tensor, Tensor | None]:
-    """Diffuse and, where the model has one, specular response (L, T) of T texels to L lights of unit power."""
-    normal, view, position, roughness = maps
-    if model == "brdf":
-        axes = torch.stack([normal, *_tangents(normal)], dim=1)
-    elif model == "phong":
-        axes = torch.stack([normal, view], dim=1)
-    else:
-        axes = normal[:, None]
-    to_light, falloff = dots(where, position, axes)
-    cosine = to_light[:, 0].clamp_min(0.0)
-    received = torch.ones_like(cosine) if seen is None else seen.to(cosine.dtype)
-    if falloff is not None:
-        received = received * falloff
-    diffuse = cosine * received
-    to_view = (axes * view[:, None]).sum(dim=0)
-    if model == "brdf":
-        return diffuse, _specular(to_light, to_view, cosine, clamp_roughness(roughness)) * diffuse
-    if model == "phong":
-        mirrored = 2.0 * cosine * to_view[0] - to_light[:, 1]
-        return diffuse, mirrored.clamp(0.0, 1.0).pow(SHININESS) * received * (cosine > 0)
-    return diffuse, None
-
-
-def _specular(to_light: Tensor, to_view: Tensor, cosine: Tensor, roughness: Tensor) -> Tensor:
-    """D F G (L, T) from ω (L, 3, T) and d (3, T) in the frame (n, t, b) of each texel.
-
-    There |ω + d|^2 sin^2(n, h) is the sum of two squares and |ω + d| = 2 d.h, so that no L x T buffer holds
-    vectors and nothing cancels.
-    """
-    total = to_light + to_view
-    planar = total[:, 1].square() + total[:, 2].square()
-    length2 = torch.addcmul(planar, total[:, 0], total[:, 0]).clamp_min(1e-8)
-    lobe = distribution(planar / length2, roughness) * fresnel(0.5 * length2.sqrt())
-    above = masking(to_view[0].clamp_min(0.0), roughness) * (0.25 * (to_view[0] > 0))
-    return lobe * (masking(cosine, roughness) * above)
-
-
-def _tangents(normal: Tensor) -> tuple[Tensor, Tensor]:
-    """Two unit vectors that complete unit normals (3, T) to a frame (Duff et al. 2017, JCGT 6(1))."""
-    x, y, z = normal
-    sign = torch.where(z < 0, -1.0, 1.0).to(z.dtype)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    return torch.stack([1.0 + sign * x * x * a, sign * b, -sign * x]), torch.stack([b, sign + y * y * a, -y])
-
-
-def _distant(where: Tensor, position: Tensor, axes: Tensor) -> tuple[Tensor, Tensor | None]:
-    """Components (L, K, T) of directions (L, 3) along axes (3, K, T); no falloff."""
-    return (where @ axes.flatten(1)).unflatten(1, axes.shape[1:]), None
-
-
-def _near(where: Tensor, position: Tensor, axes: Tensor) -> tuple[Tensor, Tensor | None]:
-    """Components (P, K, T) along axes of the unit vectors to positions (P, 3), and 1 / r^2 (P, T)."""
-    towards = where[:, :, None] - position
-    falloff = 1.0 / towards.square().sum(dim=1).clamp_min(1e-12)
-    return torch.einsum("pct,ckt->pkt", towards * falloff.sqrt()[:, None], axes), falloff

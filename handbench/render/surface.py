@@ -1,4 +1,4 @@
-"""The surface at the texels: positions, smooth normals, and normals refined by a displacement map."""
+"""The surface at the texels: positions, smooth normals, and normals refined by a displacement."""
 
 from __future__ import annotations
 
@@ -57,28 +57,41 @@ def surface_maps(mesh: Mesh, atlas: Atlas) -> SurfaceMaps:
     return SurfaceMaps(atlas.scatter(position), atlas.scatter(normal), torch.from_numpy(atlas.covered))
 
 
-def refine(position: Tensor, normal: Tensor, displacement: Tensor, atlas: Atlas) -> Tensor:
-    """Normals of the displaced surface x + δ n, (..., 3, R, R), from δ (..., 1, R, R) in metres (URHand Eq. 2).
+class Relief:
+    """A coarse surface that displacements refine: positions and unit normals (3, N) at the texels of an atlas.
 
-    With a = x_u + δ n_u and b = x_v + δ n_v taken in the tangent plane of n, the tangents of the displaced
-    surface are a + δ_u n and b + δ_v n, so its normal is along (a x b) + δ_u (n x b) + δ_v (a x n). The first
-    term is along n, hence δ = 0 gives back the smooth normal exactly. Derivatives are central differences
-    inside a chart and one-sided at its border; their common scale cancels. Where a fold would turn the
-    surface inside out (δ beyond its radius of curvature) the area is held at a tenth. Differentiable in δ.
+    With a = x_u + δ n_u and b = x_v + δ n_v taken in the tangent plane of n, the tangents of the displaced surface
+    x + δ n are a + δ_u n and b + δ_v n, so its normal is along (a x b) + δ_u (n x b) + δ_v (a x n) (URHand Eq. 2).
+    The first term is along n, hence δ = 0 gives back the smooth normal exactly. What does not depend on δ is worked
+    out here, once a pose. Derivatives are central differences inside a chart and one-sided at its border; their
+    common scale cancels.
     """
-    x, n, delta = atlas.gather(position), atlas.gather(normal), atlas.gather(displacement)
-    (x_u, x_v), (n_u, n_v), (delta_u, delta_v) = (_differences(values, atlas) for values in (x, n, delta))
-    x_u, x_v, n_u, n_v = (_tangential(values, n) for values in (x_u, x_v, n_u, n_v))
-    area = _dot(torch.linalg.cross(x_u, x_v, dim=-2), n)
-    side = torch.where(area < 0, -1.0, 1.0)
-    a, b = x_u + delta * n_u, x_v + delta * n_v
-    displaced = torch.maximum(side * _dot(torch.linalg.cross(a, b, dim=-2), n), 0.1 * area.abs())
-    tilt = delta_u * torch.linalg.cross(*torch.broadcast_tensors(n, b), dim=-2)
-    tilt = tilt + delta_v * torch.linalg.cross(*torch.broadcast_tensors(a, n), dim=-2)
-    # metres squared per texel squared is tiny: divide by the area before normalising
-    flat = area.abs() <= 1e-20  # a chart one texel wide: no tangent plane to tilt
-    slope = torch.where(flat, 0.0, side * tilt / torch.where(flat, 1.0, displaced))
-    return atlas.scatter(unit(n + slope))
+
+    def __init__(self, position: Tensor, normal: Tensor, atlas: Atlas) -> None:
+        self.normal, self._atlas = normal, atlas
+        derivatives = (*_differences(position, atlas), *_differences(normal, atlas))
+        x_u, x_v, n_u, n_v = (values - _dot(values, normal) * normal for values in derivatives)
+        flat, bend, twist = _dot_cross(x_u, x_v, normal), _dot_cross(x_u, n_v, normal), _dot_cross(n_u, x_v, normal)
+        side = torch.where(flat < 0, -1.0, 1.0)
+        scale = torch.where(flat.abs() <= 1e-20, 0.0, 1.0 / flat.abs())  # a chart one texel wide: nothing to tilt
+        # the area of a x b along n over that of x_u x x_v is 1 + δ bend + δ² curvature
+        self._bend = scale * side * (bend + twist)
+        self._curvature = scale * side * _dot_cross(n_u, n_v, normal)
+        self._tilts = tuple(
+            scale * side * torch.linalg.cross(*pair, dim=-2)
+            for pair in ((normal, x_v), (normal, n_v), (x_u, normal), (n_u, normal))
+        )
+
+    def refined(self, displacement: Tensor) -> Tensor:
+        """Unit normals (..., 3, N) of the displaced surface from δ (..., 1, N) in metres; differentiable in δ.
+
+        Where a fold would turn the surface inside out (δ beyond its radius of curvature) the area is held at a tenth.
+        """
+        along_u, along_v = _differences(displacement, self._atlas)
+        by_u, by_u_more, by_v, by_v_more = self._tilts
+        area = (1.0 + displacement * (self._bend + displacement * self._curvature)).clamp_min(0.1)
+        tilt = along_u * (by_u + displacement * by_u_more) + along_v * (by_v + displacement * by_v_more)
+        return unit(self.normal + tilt / area)
 
 
 def _differences(values: Tensor, atlas: Atlas) -> tuple[Tensor, Tensor]:
@@ -111,13 +124,13 @@ def _dot(a: Tensor, b: Tensor) -> Tensor:
     return (a * b).sum(dim=-2, keepdim=True)
 
 
+def _dot_cross(a: Tensor, b: Tensor, along: Tensor) -> Tensor:
+    return _dot(torch.linalg.cross(a, b, dim=-2), along)
+
+
 def unit(vectors: Tensor) -> Tensor:
     """Vectors (..., 3, N) made unit; zero stays zero. Several times faster than a norm along that axis."""
     return vectors * (vectors * vectors).sum(dim=-2, keepdim=True).clamp_min(1e-30).rsqrt()
-
-
-def _tangential(values: Tensor, normal: Tensor) -> Tensor:
-    return values - _dot(values, normal) * normal
 
 
 def _unit(vectors: Array) -> Array:

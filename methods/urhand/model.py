@@ -10,13 +10,11 @@ from torch import Tensor, nn
 from handbench.light.lightset import LightSet
 from handbench.render.atlas import Atlas
 from handbench.render.posed import PosedSurface
-from handbench.render.shading import light_features
-from handbench.render.surface import refine
-from handbench.scene import Array
 
 from ..nets.layers import channels_last
+from . import lighting
 from .config import Config
-from .networks import NeuralBranch, PhysicalBranch
+from .networks import HALVINGS, EnvironmentEncoder, FeatureEncoder, NeuralBranch, PhysicalBranch
 
 
 @dataclass(frozen=True)
@@ -29,56 +27,82 @@ class Material:
 
 
 class URHandModel(nn.Module):
-    """Both branches. Maps are at the covered texels, (C, N), between the networks and (1, C, R, R) inside them."""
+    """Both branches. Maps are at the covered texels, (C, N), between the networks and (1, C, R, R) inside them.
+
+    Networks run on the device of their parameters, in bfloat16 if the configuration says so; everything that comes
+    in or goes out is float32 on the CPU.
+    """
 
     def __init__(self, config: Config, joints: int) -> None:
         super().__init__()
         self.config = config
         self.physical = PhysicalBranch(3 * joints)
-        self.neural = NeuralBranch(config.bias_scale)
+        if config.neural:
+            activated = config.network == "non-linear"
+            encoder = (
+                FeatureEncoder(activated=activated)
+                if config.encoder == "features"
+                else EnvironmentEncoder(config.texture >> HALVINGS, config.environment)
+            )
+            self.neural = NeuralBranch(encoder, activated, config.bias_scale)
         channels_last(self)
 
     def material(self, texture: Tensor, joints: Tensor, posed: PosedSurface) -> Material:
         """Refined normal and roughness of a posed surface from the normalised mean texture (3, R, R), pose (J, 3)."""
-        raw_displacement, raw_roughness, joint = self.physical(_batch(texture), joints.reshape(1, -1))
+        with self._precision():
+            raw_displacement, raw_roughness, joint = self.physical(
+                self._batch(texture[None]), self._batch(joints.reshape(1, -1))
+            )
         config, atlas = self.config, posed.atlas
-        # the paper's sigmoid, centred: a constant displacement only thickens the hand
-        displacement = config.displacement * (2.0 * torch.sigmoid(raw_displacement[0]) - 1.0)
         low, high = config.roughness
-        roughness = low + (high - low) * torch.sigmoid(atlas.gather(raw_roughness[0, 0]))
-        refined = refine(atlas.scatter(posed.position), atlas.scatter(posed.normal), displacement, atlas)
-        return Material(atlas.gather(refined), roughness, joint)
-
-    def features(
-        self, material: Material, posed: PosedSurface, camera_centre: Array, lights: LightSet, visible: Tensor
-    ) -> Tensor:
-        """Diffuse and specular shading features, (6, N) (supp. Eqs. 1-2)."""
-        return torch.cat(
-            light_features(material.normal, posed.position, material.roughness, camera_centre, lights, visible)
-        )
+        roughness = low + (high - low) * torch.sigmoid(atlas.gather(raw_roughness.float().cpu()[0, 0]))
+        if not config.refiner:
+            return Material(posed.normal, roughness, joint)
+        # the paper's sigmoid, centred: a constant displacement only thickens the hand
+        sigmoid = torch.sigmoid(atlas.gather(raw_displacement.float().cpu()[0]))
+        return Material(posed.relief.refined(config.displacement * (2.0 * sigmoid - 1.0)), roughness, joint)
 
     def physical_colour(self, features: Tensor, texture: Tensor, atlas: Atlas) -> Tensor:
         """The physical branch's own picture (3, N): C^d T + C^s (Eq. 3)."""
         return features[:3] * atlas.gather(texture) + features[3:]
 
     def colour(
-        self, features: Tensor, material: Material, texture: Tensor, atlas: Atlas
+        self, features: Tensor, lights: LightSet, material: Material, texture: Tensor, atlas: Atlas
     ) -> tuple[Tensor, list[Tensor]]:
-        """The final picture's texture (3, N), g T + b sigma_T (Eq. 6), and the encoder's maps.
+        """The final picture's texture (3, N), g T + b sigma_T (Eq. 6), and the encoder's maps (for Eq. 9)."""
+        if not self.config.neural:
+            return self.physical_colour(features, texture, atlas), []
+        scale = lighting.power(lights).clamp_min(1e-12) if self.config.exposure else 1.0
+        gain, bias, encoded = self.response(features / scale, lights, material, atlas)
+        return scale * (gain * atlas.gather(texture) + bias * self.config.bias_scale), encoded
+
+    def response(
+        self, features: Tensor, lights: LightSet, material: Material, atlas: Atlas
+    ) -> tuple[Tensor, Tensor, list[Tensor]]:
+        """Gain and bias at the texels, (3, N) each, and the encoder's maps.
 
         The network sees the features of a light's intensity, one diffuse and one specular value a texel (supp.
         Eqs. 1-2 have a scalar L_i). Coloured light is three lights, one a colour channel, each of which answers
-        for its own channel of the picture; for white light the three are one.
+        for its own channel of the picture; for white light the three are one. An environment map is seen whole.
         """
-        lights = features.reshape(2, 3, -1).transpose(0, 1)  # colour channel, (diffuse, specular), texel
-        if torch.equal(lights[0], lights[1]) and torch.equal(lights[0], lights[2]):
-            lights = lights[:1]
-        maps = atlas.dilate(atlas.scatter(lights)).contiguous(memory_format=torch.channels_last)
-        gain, bias, encoded = self.neural(maps, material.joint)
-        own = torch.arange(3) if len(lights) == 3 else torch.zeros(3, dtype=torch.long)
-        gain, bias = atlas.gather(gain)[own, torch.arange(3)], atlas.gather(bias)[own, 0]
-        return gain * atlas.gather(texture) + bias * self.config.bias_scale, encoded
+        if self.config.encoder == "environment":
+            inputs = lighting.environment_map(lights, self.config.environment)[None]
+            count = 1
+        else:
+            coloured = features.reshape(2, 3, -1).transpose(0, 1)  # colour channel, (diffuse, specular), texel
+            count = 1 if torch.equal(coloured[0], coloured[1]) and torch.equal(coloured[0], coloured[2]) else 3
+            inputs = atlas.dilate(atlas.scatter(coloured[:count]))
+        with self._precision():
+            gain, bias, encoded = self.neural(self._batch(inputs), material.joint)
+        gain, bias = atlas.gather(gain.float().cpu()), atlas.gather(bias.float().cpu())[:, 0]
+        if count == 3:
+            return torch.stack([gain[i, i] for i in range(3)]), bias, encoded
+        return gain[0], bias.expand(3, -1), encoded
 
+    def _batch(self, values: Tensor) -> Tensor:
+        """Values on the networks' device; maps with the channels last."""
+        moved = values.to(self.physical.pose.weight.device)
+        return moved.contiguous(memory_format=torch.channels_last) if moved.ndim == 4 else moved
 
-def _batch(maps: Tensor) -> Tensor:
-    return maps[None].contiguous(memory_format=torch.channels_last)
+    def _precision(self) -> torch.autocast:
+        return torch.autocast(self.physical.pose.weight.device.type, torch.bfloat16, enabled=self.config.bfloat16)

@@ -73,78 +73,114 @@ class NonLinearNetwork(nn.Module):
         return maps
 
 
-class LinearEncoder(nn.Module):
-    """Shading features (B, C, R, R) -> one map per layer of the decoder, coarse to fine; no bias, no activation."""
+class FeatureEncoder(nn.Module):
+    """Shading features (B, C, R, R) -> one map per layer of the decoder, coarse to fine; no bias.
 
-    def __init__(self, inputs: int = 2) -> None:
+    No activation either, unless `activated`: the non-linear model of supp. Sec. 5.2.
+    """
+
+    def __init__(self, inputs: int = 2, activated: bool = False) -> None:
         super().__init__()
+        self._activated = activated
         fine_to_coarse = BRANCH_CHANNELS[-2::-1]  # 16 32 64 128 128 256 128
         self.first = Keep(inputs, fine_to_coarse[0], bias=False)
         self.layers = nn.ModuleList(Down(i, o, bias=False) for i, o in pairwise(fine_to_coarse))
-        initialise(self, activated=False)
+        initialise(self, activated)
 
-    def forward(self, features: Tensor) -> list[Tensor]:
-        maps = [self.first(features)]
-        for layer in self.layers:
-            maps.append(layer(maps[-1]))
+    def forward(self, features: Tensor) -> list[Tensor | None]:
+        maps, x = [], features
+        for layer in (self.first, *self.layers):
+            x = activate(layer(x)) if self._activated else layer(x)
+            maps.append(x)
         return maps[::-1]
 
 
-class LinearDecoder(nn.Module):
-    """F_dec^{j+1} = ConvT(F_enc^j + F_dec^j) / sqrt(2) * F_nl^j (URHand Eq. 5); no bias, no activation."""
+class EnvironmentEncoder(nn.Module):
+    """An environment map (B, 3, 16, 32) -> the decoder's first map: one layer without bias (supp. Sec. 5.2).
 
-    def __init__(self) -> None:
+    The seed's map is 128 x 16 x 16, at 1024 texels; it has the side of the decoder's first layer at any texture size.
+    """
+
+    def __init__(self, side: int, environment: tuple[int, int]) -> None:
         super().__init__()
+        self.side = side
+        inputs = 3 * environment[0] * environment[1]
+        self.layer = nn.Linear(inputs, BRANCH_CHANNELS[0] * side * side, bias=False)
+        nn.init.normal_(self.layer.weight, std=inputs**-0.5)
+
+    def forward(self, environment: Tensor) -> list[Tensor | None]:
+        coarse = self.layer(environment.flatten(1)).unflatten(1, (BRANCH_CHANNELS[0], self.side, self.side))
+        return [coarse, *[None] * (len(BRANCH_CHANNELS) - 2)]
+
+
+class Decoder(nn.Module):
+    """F_dec^{j+1} = ConvT(F_enc^j + F_dec^j) / sqrt(2) * F_nl^j (URHand Eq. 5); no bias.
+
+    No activation either, unless `activated`.
+    """
+
+    def __init__(self, activated: bool = False) -> None:
+        super().__init__()
+        self._activated = activated
         self.layers = _upward(bias=False)
-        initialise(self, activated=False)
+        initialise(self, activated)
 
     @property
     def convolutions(self) -> list[Keep]:
         return _convolutions(self.layers)
 
-    def forward(self, encoded: list[Tensor], modulation: list[Tensor]) -> Tensor:
+    def forward(self, encoded: list[Tensor | None], modulation: list[Tensor]) -> Tensor:
         x: Tensor | None = None
         for layer, code, factor in zip(self.layers, encoded, modulation, strict=True):
-            x = layer(code if x is None else code + x) * factor * 2**-0.5
+            inputs = code if x is None else x if code is None else code + x
+            x = layer(inputs) * factor * 2**-0.5
+            if self._activated:
+                x = activate(x)
         assert x is not None
         return x
 
 
 class NeuralBranch(nn.Module):
-    """Gain (B, 3, R, R) and bias (B, 1, R, R) maps, linear in the shading features (B, 2, R, R) by construction.
+    """Gain (B, 3, R, R) and bias (B, 1, R, R) maps from an encoding of the light, linear in it by construction.
 
-    It starts as the physical branch, gain = C^d and bias = C^s: the finest layer passes both features through and
-    everything else begins small. Training then only has to learn what the physics lacks.
+    With shading features it starts as the physical branch, gain = C^d and bias sigma_T = C^s: the finest layer passes
+    both features through and everything else adds nothing yet. Training then only has to learn what the physics lacks.
     """
 
-    def __init__(self, bias_scale: float) -> None:
+    def __init__(self, encoder: FeatureEncoder | EnvironmentEncoder, activated: bool, bias_scale: float) -> None:
         super().__init__()
         self.nonlinear = NonLinearNetwork()
-        self.encoder = LinearEncoder()
-        self.decoder = LinearDecoder()
-        self._start_as_physics(bias_scale)
+        self.encoder = encoder
+        self.decoder = Decoder(activated)
+        self._modulate_near_one()
+        if isinstance(encoder, FeatureEncoder):
+            self._start_as_physics(encoder, bias_scale)
 
     @torch.no_grad()
-    def _start_as_physics(self, bias_scale: float) -> None:
-        for layer in self.nonlinear.convolutions:  # modulation near one
+    def _modulate_near_one(self) -> None:
+        for layer in self.nonlinear.convolutions:
             layer.weight.mul_(0.3)
             layer.bias.fill_(1.0)  # type: ignore[union-attr]
-        self.nonlinear.convolutions[-1].weight.mul_(0.3)
-        first, last = self.encoder.first.weight, self.decoder.convolutions[-1].weight
-        self.decoder.convolutions[-2].weight.mul_(0.1)
-        last.mul_(0.1)
-        first[:2] = 0.0
-        last[:, :2] = 0.0
+
+    @torch.no_grad()
+    def _start_as_physics(self, encoder: FeatureEncoder, bias_scale: float) -> None:
+        # Exactly, whatever the seed: seven layers multiply, so small random weights can still give a far-off start.
+        self.nonlinear.convolutions[-1].weight.zero_()
+        before, last = (layer.weight for layer in self.decoder.convolutions[-2:])
+        before.mul_(0.1)
+        before[:2] = 0.0
+        encoder.first.weight[:2] = 0.0
+        last.zero_()
         for feature in range(2):
-            first[feature, feature, 1, 1] = 1.0
+            encoder.first.weight[feature, feature, 1, 1] = 1.0
         last[:3, 0, 1, 1] = 2**0.5
         last[3, 1, 1, 1] = 2**0.5 / bias_scale
 
-    def forward(self, features: Tensor, joint: Tensor) -> tuple[Tensor, Tensor, list[Tensor]]:
+    def forward(self, light: Tensor, joint: Tensor) -> tuple[Tensor, Tensor, list[Tensor]]:
         """Gain, bias and the encoder's maps (for the L1 regularisation, Eq. 9)."""
-        encoded = self.encoder(features)
+        encoded = self.encoder(light)
         maps = self.decoder(encoded, self.nonlinear(joint))
-        return maps[:, :3], maps[:, 3:], encoded
+        return maps[:, :3], maps[:, 3:], [code for code in encoded if code is not None]
 
 
 def _upward(bias: bool) -> nn.ModuleList:

@@ -1,162 +1,128 @@
-"""Training of URHand: pictures under random exact combinations of stage lights."""
+"""Training of URHand: pictures under random exact combinations of stage lights, and an adversary that judges them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from handbench.errors import NonFinite, Unsupported
-from handbench.light.lightset import LightSet, light_samples
+from handbench.light.lightset import LightSet
 from handbench.method import Progress, Recording
-from handbench.render.posed import PosedSurface, raster
-from handbench.render.raster import Raster
-from handbench.scene import Array, Frame
+from handbench.render.shading import light_features
+from handbench.scene import Array
 
+from ..nets.discriminator import Discriminator, discriminator_loss, generator_loss
+from ..nets.engine import Player, fit, light_weights
+from ..nets.perceptual import patch, perceptual_loss
 from ..picture import display
 from ..reflectance import normalised_texture
-from .config import Config
-from .model import URHandModel
+from ..views import View, views
+from . import lighting
+from .model import Material, URHandModel
 
-
-@dataclass(frozen=True)
-class View:
-    """One pose of a subject in one camera, with the pictures under every training light.
-
-    pixels (P,) are the flat indices that truth or tracked mesh cover; images (L, 3, P) float16.
-    """
-
-    subject: str
-    joints: Tensor
-    posed: PosedSurface
-    raster: Raster
-    centre: Array
-    lights: LightSet
-    visible: Tensor
-    pixels: Tensor
-    images: Tensor
-
-    def lit_by(self, weights: Array) -> tuple[LightSet, Tensor, Tensor]:
-        """Lights, visibility and picture (3, P) under weights (L,) of the stage lights: exact sums."""
-        used = np.flatnonzero(weights)
-        irradiance = self.lights.irradiance[used] * weights[used, None]
-        lights = LightSet(self.lights.directions[used], irradiance, self.lights.positions, self.lights.intensities)
-        picture = torch.einsum("lcp,l->cp", self.images[used].float(), torch.from_numpy(weights[used]).float())
-        return lights, self.visible[used], picture
-
-
-def views(recording: Recording, size: int) -> list[View]:
-    """The training views; raises `Unsupported` if there are no single-light frames."""
-    groups: dict[tuple[str, str], list[Frame]] = {}
-    for frame in recording.of_kind("olat").frames:
-        groups.setdefault((frame.pose_key, frame.camera.name), []).append(frame)
-    if not groups:
-        raise Unsupported("urhand trains on single-light frames, and the training frames have none")
-    return [_view(frames, recording, size) for frames in groups.values()]
-
-
-def _view(frames: list[Frame], recording: Recording, size: int) -> View:
-    first = frames[0]
-    posed = PosedSurface.of(first.mesh, size)
-    drawn = raster(first.mesh, first.camera)
-    covered = (recording.observe(first).alpha > 0) | (drawn.alpha > 0)
-    pixels = np.flatnonzero(covered)
-    images = [recording.observe(frame).image.reshape(-1, 3)[pixels].T.astype(np.float16) for frame in frames]
-    samples = [light_samples(frame.light) for frame in frames]
-    if any(len(sample.directions) != 1 or len(sample.positions) for sample in samples):
-        raise Unsupported(f"urhand trains on distant single lights, and {first.key} has another kind of light")
-    lights = LightSet(
-        np.concatenate([s.directions for s in samples]),
-        np.concatenate([s.irradiance for s in samples]),
-        np.zeros((0, 3)),
-        np.zeros((0, 3)),
-    )
-    return View(
-        subject=first.subject,
-        joints=torch.from_numpy(first.pose.joints.copy()).float(),
-        posed=posed,
-        raster=drawn,
-        centre=first.camera.centre,
-        lights=lights,
-        visible=posed.visibility(lights),
-        pixels=torch.from_numpy(pixels),
-        images=torch.from_numpy(np.stack(images)),
-    )
-
-
-def light_weights(config: Config, lights: int, rng: np.random.Generator) -> Array:
-    """Random weights (L,) of a few lights, about as bright together as one."""
-    count = min(int(rng.choice(config.lights)), lights)
-    weights = np.zeros(lights)
-    weights[rng.choice(lights, count, replace=False)] = rng.uniform(0.5, 1.5, count) / np.sqrt(count)
-    return weights
+_CONDITIONS = 2  # Phong's diffuse and specular shading, mean of the colours
 
 
 def train(model: URHandModel, recording: Recording, seed: int, progress: Progress) -> None:
-    """Train in place, telling the running mean of the loss.
+    """Train in place, telling the running means of the losses.
 
-    Raises `NonFinite` as soon as a step's loss or gradient is not finite: nothing is trained through it.
+    Raises `NonFinite` as soon as a step's loss or gradient is not finite, `Unsupported` for a recording without
+    single-light frames.
     """
-    config = model.config
-    textures = {
-        subject: normalised_texture(recording.of_subject(subject), config.texture) for subject in recording.subjects
-    }
-    stage = views(recording, config.texture)
-    rng = np.random.default_rng([17, seed])
-    # a short memory of squared gradients: one bad step of the multiplied layers is soon damped
-    optimiser = torch.optim.Adam(model.parameters(), lr=config.rate[0], betas=(0.9, 0.99), fused=True)
-    schedule = torch.optim.lr_scheduler.LambdaLR(optimiser, lambda step: rate_factor(config, step))
-    running = 0.0
-    for step, batch in enumerate(_batches(len(stage), config, rng), start=1):
-        optimiser.zero_grad(set_to_none=True)
-        total = 0.0
-        for index in batch:
-            view = stage[index]
-            loss = view_loss(model, view, textures[view.subject], light_weights(config, len(view.images), rng))
-            (loss / len(batch)).backward()
-            total += float(loss.detach()) / len(batch)
-        norm = torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-        if not np.isfinite(total) or not torch.isfinite(norm):
-            raise NonFinite(
-                f"urhand: step {step} gave loss {total:g} and gradient norm {float(norm):g}; lower the rate"
-            )
-        optimiser.step()
-        schedule.step()
-        running = total if step == 1 else 0.98 * running + 0.02 * total
-        if step % 20 == 0 or step == config.steps:
-            progress(step, config.steps, loss=running)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        lesson = Lesson(model, recording)
+    players = [Player("generator", model, lesson.losses)]
+    if lesson.discriminator is not None:
+        players.append(Player("discriminator", lesson.discriminator, lesson.adversary))
+    fit("urhand", players, len(lesson.views), model.config.budget, seed, progress)
 
 
-def rate_factor(config: Config, step: int) -> float:
-    """The learning rate of a step over the greatest one: a linear rise, then an exponential fall."""
-    fall = (config.rate[1] / config.rate[0]) ** (step / max(1, config.steps - 1))
-    return min(1.0, (step + 1) / max(1, config.warmup)) * fall
+class Lesson:
+    """The losses of the model, and of its discriminator where there is one, on the views of a recording."""
 
+    def __init__(self, model: URHandModel, recording: Recording) -> None:
+        config = model.config
+        self.model, self.config = model, config
+        self.textures = {s: normalised_texture(recording.of_subject(s), config.texture) for s in recording.subjects}
+        self.views = views(recording, config.texture, config.shadows)
+        self.discriminator: Discriminator | None = None
+        if config.adversarial:
+            # after the generator's networks and from the same seed: an ablation without it starts them alike
+            self.discriminator = Discriminator(_CONDITIONS if config.light_aware else 0)
+            self.discriminator.to(model.physical.pose.weight.device)
+        self._shown: tuple[Tensor, Tensor, Tensor | None]
 
-def _batches(count: int, config: Config, rng: np.random.Generator) -> Iterable[Array]:
-    """Indices of views for each step: every view once before any comes again."""
-    queue = np.zeros(0, dtype=int)
-    for _ in range(config.steps):
-        while len(queue) < config.batch:
-            queue = np.concatenate([queue, rng.permutation(count)])
-        yield queue[: config.batch]
-        queue = queue[config.batch :]
+    def losses(self, sample: int, rng: np.random.Generator) -> Mapping[str, Tensor]:
+        """The terms of Eq. 7 on one view under a random combination of its lights."""
+        config, view = self.config, self.views[sample]
+        weights = light_weights(len(view.images), config.lights, rng)
+        lights, visible, truth = view.lit_by(weights)
+        texture, atlas = self.textures[view.subject], view.posed.atlas
+        material = self.model.material(texture, view.joints, view.posed)
+        features = self._features(view, material.normal, material.roughness, lights, visible)
+        final, encoded = self.model.colour(features, lights, material, texture, atlas)
+        pictures = [final, self.model.physical_colour(features, texture, atlas)] if config.neural else [final]
+        drawn = display(view.draw(torch.cat(pictures))).unflatten(0, (-1, 3))
+        target = display(truth)
+        terms = self._image_terms(view, drawn, target, rng)
+        if encoded:
+            terms["sparsity"] = config.sparsity * torch.stack([code.float().abs().mean() for code in encoded]).sum()
+        if self.discriminator is not None:
+            condition = self._condition(view, lights, visible) if config.light_aware else None
+            self._shown = (target[None], drawn[:1], condition)
+            terms["adversarial"] = config.adversarial * generator_loss(self.discriminator(drawn[:1], condition))
+        if config.consistency and rng.integers(config.consistency_every) == 0:
+            other = light_weights(len(view.images), config.lights, rng)
+            terms["consistency"] = config.consistency * self._inconsistency(view, material, features, other, rng)
+        return terms
 
+    def adversary(self, sample: int, rng: np.random.Generator) -> Mapping[str, Tensor]:
+        """The discriminator's loss on the picture that `losses` has just drawn, and its truth."""
+        assert self.discriminator is not None
+        real, drawn, condition = self._shown
+        scores = self.discriminator(torch.cat([real, drawn.detach()]), condition)
+        return {"hinge": discriminator_loss([s[:1] for s in scores], [s[1:] for s in scores])}
 
-def view_loss(model: URHandModel, view: View, texture: Tensor, weights: Array) -> Tensor:
-    """Image loss on both branches and L1 regularisation (Eqs. 7 and 9) of one view under one combination of lights."""
-    config, atlas = model.config, view.posed.atlas
-    lights, visible, truth = view.lit_by(weights)
-    material = model.material(texture, view.joints, view.posed)
-    features = model.features(material, view.posed, view.centre, lights, visible)
-    final, encoded = model.colour(features, material, texture, atlas)
-    physical = model.physical_colour(features, texture, atlas)
-    maps = atlas.dilate(atlas.scatter(torch.cat([final, physical])))
-    pictures = view.raster.sample(maps).flatten(1).index_select(1, view.pixels)
-    target = display(truth)
-    loss = config.image * (display(pictures[:3]) - target).abs().mean()
-    loss = loss + config.physical * (display(pictures[3:]) - target).abs().mean()
-    return loss + config.sparsity * sum(code.abs().mean() for code in encoded)
+    def _features(
+        self, view: View, normal: Tensor, roughness: Tensor, lights: LightSet, visible: Tensor | None
+    ) -> Tensor:
+        return lighting.features(self.config, normal, roughness, view.posed, view.centre, lights, visible)
+
+    def _image_terms(self, view: View, drawn: Tensor, target: Tensor, rng: np.random.Generator) -> dict[str, Tensor]:
+        """L1 and, on a random patch, perceptual loss of the final picture and, weighted, of the physical branch's."""
+        config = self.config
+        difference = (drawn - target).abs()
+        if config.focus:
+            difference = difference * difference.detach().exp()
+        l1 = difference.sum(dim=(1, 2, 3)) / (3 * view.covered)
+        weights = l1.new_tensor([1.0, config.physical][: len(drawn)])
+        terms = {"l1": weights @ l1}
+        if config.perceptual:
+            rows, columns = patch(target.shape[1], target.shape[2], rng)
+            losses = perceptual_loss(drawn[:, :, rows, columns], target[:, rows, columns])
+            terms["perceptual"] = config.perceptual * (weights @ losses)
+        return terms
+
+    def _condition(self, view: View, lights: LightSet, visible: Tensor | None) -> Tensor:
+        """Phong's diffuse and specular shading of the light on the coarse surface, (1, 2, h, w)."""
+        rough = torch.ones(view.posed.atlas.count)
+        shaded = light_features(view.posed.normal, view.posed.position, rough, view.centre, lights, visible, "phong")
+        return view.draw(torch.stack([kind.mean(dim=0) for kind in shaded]))[None]
+
+    def _inconsistency(
+        self, view: View, material: Material, features: Tensor, weights: Array, rng: np.random.Generator
+    ) -> Tensor:
+        """How far the network is from linear (supp. Eq. 8), root mean square over gain and bias."""
+        lights, visible, _ = view.lit_by(weights)
+        other = self._features(view, material.normal, material.roughness, lights, visible)
+        a, b = rng.uniform(0.0, 1.0, 2)
+
+        def response(values: Tensor) -> Tensor:
+            gain, bias, _ = self.model.response(values, lights, material, view.posed.atlas)
+            return torch.cat([gain, bias])
+
+        apart = a * response(features) + b * response(other) - response(a * features + b * other)
+        return apart.square().mean().clamp_min(1e-16).sqrt()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +24,19 @@ def power(environment: Environment) -> np.ndarray:
     return (environment.radiance * solid_angles(*environment.radiance.shape[:2])[..., None]).sum(axis=(0, 1))
 
 
-@pytest.mark.parametrize(("height", "width"), [(1, 1), (2, 4), (7, 5), (16, 32), (256, 512)])
+@pytest.mark.parametrize(
+    ("height", "width"), [(1, 1), (1, 2), (2, 4), (7, 5), (16, 32), (33, 101), (999, 3), (256, 512)]
+)
 def test_solid_angles_fill_the_sphere(height: int, width: int) -> None:
-    assert solid_angles(height, width).sum() == pytest.approx(4 * np.pi, abs=1e-11, rel=1e-12)
+    assert abs(math.fsum(solid_angles(height, width).ravel()) - 4 * np.pi) < 1e-12
+
+
+def test_solid_angles_are_exact_at_the_poles() -> None:
+    # 1 - cos x = 2 sin^2(x / 2) in the first row; twelve digits, where a difference of cosines has ten
+    height, width = 4096, 10
+    expected = 2 * math.sin(np.pi / height / 2) ** 2 * 2 * np.pi / width
+    found = solid_angles(height, width)
+    assert np.allclose(found[0], expected, rtol=1e-14, atol=0) and np.allclose(found[-1], expected, rtol=2e-12, atol=0)
 
 
 def test_directions_follow_the_documented_azimuth() -> None:

@@ -11,8 +11,9 @@ import pytest
 from handbench.errors import Unsupported
 from handbench.method import Recording
 from handbench.methods import mean, oracle, phong, physical
-from handbench.methods.reflectance import _fit, full_exposure, normalised_texture
-from handbench.scene import Frame, Group
+from handbench.methods.reflectance import ReflectancePrior, _fit, full_exposure, normalised_texture
+from handbench.scene import Frame, Group, Mesh
+from handbench.skips import NONE, Skips, skipping, tallied
 
 
 def test_the_fit_recovers_its_scales() -> None:
@@ -83,3 +84,33 @@ def test_the_mean_predictor_ignores_the_light(training: Recording, enrolment: Re
     one, two = [f for f in mini.frames() if f.subject == "s02"][:2]
     assert one.lighting != two.lighting
     assert np.array_equal(avatar.relight(one).image, avatar.relight(two).image)
+
+
+@pytest.mark.parametrize("switch", ["unseen", "uncovered", "missing_lobes", "occluded", "all"])
+def test_skips_do_not_change_the_picture(switch: str, enrolment: Recording, mini) -> None:
+    prior = ReflectancePrior("physical", "brdf", physical.create()._config, (1.0, 0.3, 0.4))
+    off = NONE if switch == "all" else replace(Skips(), **{switch: False})
+    frame = next(f for f in mini.frames() if f.subject == "s02" and f.segment == "held-out" and f.kind == "group")
+    images = []
+    for chosen in (Skips(), off):
+        with skipping(chosen), tallied() as tally:
+            own = replace(frame.query, mesh=Mesh(frame.mesh.vertices, frame.mesh.topology))  # no map of it is kept
+            images.append(prior.personalise(enrolment).relight(own).image)
+        skipped = {what for what, saved in tally.lines().items() if saved.skipped}
+        if chosen is off and switch == "unseen":
+            assert "texels out of sight" not in skipped
+        elif chosen is not off:
+            assert {"texels out of sight", "texels outside charts"} <= skipped
+    assert np.abs(images[0] - images[1]).max() <= 2e-6 * images[0].max()
+
+
+def test_a_fit_without_specular_works_out_no_lobe(enrolment: Recording) -> None:
+    config = physical.create()._config
+    frame = enrolment.frames[0]
+    images = []
+    for scale in (0.0, 1e-12):
+        prior = ReflectancePrior("physical", "brdf", config, (1.0, scale, 0.4))
+        with tallied() as tally:
+            images.append(prior.personalise(enrolment).relight(frame).image)
+    assert tally.lines()["lobes"].skipped < tally.lines()["lobes"].total
+    assert np.abs(images[0] - images[1]).max() < 1e-9

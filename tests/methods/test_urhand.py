@@ -12,16 +12,18 @@ import torch
 from handbench.errors import InputError, NonFinite, Unsupported
 from handbench.method import Recording
 from handbench.methods import physical
+from handbench.methods.urhand import lighting
 from handbench.methods.urhand.config import PRESETS, Config
 from handbench.methods.urhand.method import URHand
 from handbench.methods.urhand.model import URHandModel
 from handbench.methods.urhand.networks import (
     BRANCH_CHANNELS,
     UNET_CHANNELS,
+    FeatureEncoder,
     NeuralBranch,
     PhysicalBranch,
 )
-from handbench.methods.urhand.training import light_weights, views
+from handbench.methods.views import views
 from handbench.render.posed import PosedSurface
 from handbench.scene import Frame, Group, Observation
 
@@ -35,7 +37,7 @@ def parameter_count(module: torch.nn.Module) -> int:
 def test_channel_sizes_are_the_seeds() -> None:
     assert UNET_CHANNELS == (3, 64, 64, 64, 64, 64, 64)
     assert BRANCH_CHANNELS == (128, 256, 128, 128, 64, 32, 16, 4)
-    branch = NeuralBranch(0.25)
+    branch = NeuralBranch(FeatureEncoder(), False, 0.25)
     outputs = [layer.conv.weight.shape[0] for layer in branch.decoder.layers[:6]]
     assert outputs == [256, 128, 128, 64, 32, 16]
     assert branch.decoder.layers[6].weight.shape[:2] == (4, 16)
@@ -45,14 +47,14 @@ def test_channel_sizes_are_the_seeds() -> None:
 
 
 def test_nothing_in_the_linear_path_has_a_bias() -> None:
-    branch = NeuralBranch(0.25)
+    branch = NeuralBranch(FeatureEncoder(), False, 0.25)
     for part in (branch.encoder, branch.decoder):
         assert not [name for name, _ in part.named_parameters() if "bias" in name]
 
 
 def test_gain_and_bias_are_linear_in_the_features() -> None:
     torch.manual_seed(0)
-    branch = NeuralBranch(0.25).double()
+    branch = NeuralBranch(FeatureEncoder(), False, 0.25).double()
     joint = torch.randn(1, 128, 1, 1, dtype=torch.float64)
     a, b = torch.randn(2, 1, 2, 64, 64, dtype=torch.float64)
     together = torch.cat(branch(0.3 * a + 1.7 * b, joint)[:2], dim=1)
@@ -73,17 +75,23 @@ def test_the_physical_branch_starts_at_the_coarse_surface(training: Recording) -
     assert (material.roughness - (low + high) / 2).abs().max() < 0.05
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_neural_branch_starts_as_the_physical_one(training: Recording, seed: int) -> None:
+    torch.manual_seed(seed)
+    model = URHandModel(SMOKE, len(training.frames[0].pose.joints))
+    view = views(training, 64)[0]
+    texture, atlas = torch.rand(3, 64, 64), view.posed.atlas
+    material = model.material(texture, view.joints, view.posed)
+    lights, visible, _ = view.lit_by(np.array([1.0, 0, 0, 2.0, 0, 0]))
+    features = lighting.features(SMOKE, material.normal, material.roughness, view.posed, view.centre, lights, visible)
+    final, _ = model.colour(features, lights, material, texture, atlas)
+    physical_picture = model.physical_colour(features, texture, atlas)
+    assert torch.allclose(final, physical_picture, atol=1e-6 * float(physical_picture.detach().max()))
+
+
 def test_texture_must_halve_six_times() -> None:
     with pytest.raises(InputError, match="texture 100 is no multiple of 64"):
         Config(texture=100)
-
-
-def test_light_weights_are_nonnegative_and_few() -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        weights = light_weights(SMOKE, 6, rng)
-        assert weights.shape == (6,) and (weights >= 0).all()
-        assert 1 <= np.count_nonzero(weights) <= 5
 
 
 def test_training_pictures_are_exact_sums(training: Recording) -> None:
@@ -93,7 +101,7 @@ def test_training_pictures_are_exact_sums(training: Recording) -> None:
     _, visible, picture = view.lit_by(weights)
     frames = [f for f in training.of_kind("olat").frames if f.pose_key == training.frames[0].pose_key]
     one, four = (
-        training.observe(f).image.reshape(-1, 3)[view.pixels.numpy()].T
+        training.observe(f).image[view.box].transpose(2, 0, 1)
         for f in frames
         if f.camera is training.frames[0].camera and f.lighting in ("olat-01", "olat-04")
     )
@@ -156,7 +164,7 @@ def test_nothing_is_trained_through_a_step_that_is_not_finite(training: Recordin
             return seen
         return Observation(np.full_like(seen.image, 3e38), seen.alpha)  # overflows half floats to infinity
 
-    with pytest.raises(NonFinite, match="step 1 gave loss"), np.errstate(over="ignore"):
+    with pytest.raises(NonFinite, match="urhand: step 1 gave l1 inf"), np.errstate(over="ignore"):
         URHand(replace(SMOKE, steps=2)).train(Recording(training.frames, broken), 0)
 
 

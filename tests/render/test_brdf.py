@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 
+import jax
 import numpy as np
 import pytest
 import torch
@@ -139,3 +140,121 @@ def test_phong_mirrors_about_the_normal() -> None:
     tilted = torch.tensor([-0.6 * math.cos(0.2) - 0.8 * math.sin(0.2), 0.0, 0.8 * math.cos(0.2) - 0.6 * math.sin(0.2)])
     assert brdf.phong(normal, tilted, light, 20.0) == pytest.approx(math.cos(0.2) ** 20, rel=1e-4)
     assert brdf.phong(normal, normal, torch.tensor([0.6, 0.0, -0.8])) == 0
+
+
+def above_ground(count: int, seed: int, least: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors (count, 3): normals, and views and lights above their horizon by a cosine of at least `least`."""
+    random = np.random.default_rng(seed)
+    normal, *others = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in random.normal(size=(3, count, 3)))
+    flipped = (v * np.where((v * normal).sum(1, keepdims=True) < 0, -1.0, 1.0) for v in others)
+    lifted = (v + least * normal for v in flipped)
+    view, light = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in lifted)
+    return normal, view, light
+
+
+def tilted(normal: np.ndarray, angle: float, azimuth: float) -> np.ndarray:
+    """Unit vectors at an angle to normals (n, 3)."""
+    across = np.cross(normal, [0.3, -0.5, 0.8])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    along = np.cross(normal, across)
+    return np.cos(angle) * normal + np.sin(angle) * (np.cos(azimuth) * across + np.sin(azimuth) * along)
+
+
+# (angle of the viewer, angle and azimuth of the light, roughness): plain, grazing, mirror, nearly d = -ω, clamps
+AWKWARD = [
+    (0.3, 0.7, 1.0, 0.4),
+    (1.5, 1.2, 2.0, 0.3),
+    (1.57, 1.57, 3.0, 0.8),
+    (0.6, 0.6, math.pi, 0.05),
+    (1.569, 1.569, math.pi, 0.5),
+    (0.4, 0.41, math.pi, 0.021),
+    (0.2, 1.0, 0.0, 0.999),
+]
+
+
+@pytest.mark.parametrize("case", AWKWARD)
+def test_gradients_are_those_of_the_other_backend(case: tuple[float, float, float, float]) -> None:
+    theta, phi, azimuth, roughness = case
+    normal, _, _ = above_ground(5, seed=1)
+    view, light = tilted(normal, theta, 0.0), tilted(normal, phi, azimuth)
+    rough = np.full(5, roughness)
+    with jax.enable_x64(True):
+        gradient = jax.vmap(jax.grad(reference.seed_brdf, argnums=(0, 1, 2, 3)))
+        value = jax.vmap(reference.seed_brdf)(normal, view, light, rough)
+        expected = [np.asarray(g) for g in gradient(normal, view, light, rough)]
+    inputs = [torch.tensor(v, requires_grad=True) for v in (normal, view, light, rough)]
+    ours = brdf.specular(*inputs)
+    assert np.allclose(ours.detach().numpy(), np.asarray(value), rtol=1e-6)
+    found = torch.autograd.grad(ours.sum(), inputs)
+    # the printed D knows the length of n, the stable one does not: along n they may differ, see `tangential`
+    steepest = float(ours.detach().max()) / roughness**2  # what a lobe's value changes by over its width
+    for g, e, at in zip(found[:3], expected[:3], inputs[:3], strict=True):
+        g, e = (tangential(v, at.detach().numpy()) for v in (g.numpy(), e))
+        assert np.allclose(g, e, rtol=1e-5, atol=1e-6 * steepest)
+    assert np.allclose(found[3].numpy(), expected[3], rtol=1e-5)
+
+
+def tangential(gradient: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """What a gradient says about turning a unit vector."""
+    return gradient - (gradient * at).sum(1, keepdims=True) * at
+
+
+def test_gradients_stop_at_the_clamp_of_roughness() -> None:
+    normal, view, light = (torch.tensor(v) for v in above_ground(20, seed=2))
+    for roughness, moves in ((0.0199, False), (0.0201, True), (0.999, True), (1.001, False)):
+        rough = torch.full((20,), roughness, dtype=torch.float64, requires_grad=True)
+        (gradient,) = torch.autograd.grad(brdf.specular(normal, view, light, rough).sum(), rough)
+        assert bool((gradient != 0).all()) is moves and bool(gradient.any()) is moves
+
+
+def furnace(model, nodes: int = 200) -> float:
+    """The integral of a model (light (..., 3)) -> (...) times n.ω over all lights, by Gauss and the trapezoid."""
+    x, weight = np.polynomial.legendre.leggauss(nodes)
+    height, weight = (x + 1) / 2, weight / 2
+    azimuth = (np.arange(2 * nodes) + 0.5) * math.pi / nodes
+    flat = np.sqrt(1 - height**2)[:, None]
+    light = np.stack(
+        [flat * np.cos(azimuth), flat * np.sin(azimuth), np.broadcast_to(height[:, None], (nodes, 2 * nodes))], -1
+    )
+    value = model(torch.tensor(light)).numpy()
+    return float((value * (height * weight)[:, None]).sum() * math.pi / nodes)
+
+
+NORMAL = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+
+
+def leaning(cosine: float) -> Tensor:
+    return torch.tensor([math.sqrt(1 - cosine**2), 0.0, cosine], dtype=torch.float64)
+
+
+def test_lambert_and_phong_have_the_furnaces_of_their_formulas() -> None:
+    assert furnace(lambda light: brdf.lambert(NORMAL, light)) == pytest.approx(1.0, abs=1e-12)
+    # head-on r.d = n.ω, so the integral of c^n c over the hemisphere is 2 pi / (n + 2)
+    assert furnace(lambda light: brdf.phong(NORMAL, NORMAL, light, 32.0)) == pytest.approx(2 * math.pi / 34, rel=1e-9)
+
+
+@pytest.mark.parametrize(("roughness", "cosine"), [(1.0, 0.5), (0.7, 0.9), (0.6, 0.3)])
+def test_two_quadratures_agree_on_the_furnace(roughness: float, cosine: float) -> None:
+    view, beta = leaning(cosine), torch.tensor(roughness, dtype=torch.float64)
+
+    def without_fresnel(light: Tensor) -> Tensor:
+        facing = 0.5 * (light + view).norm(dim=-1)
+        return brdf.specular(NORMAL, view, light, beta) / brdf.fresnel(facing)
+
+    assert furnace(without_fresnel) == pytest.approx(albedo(roughness, cosine), abs=1e-3)
+
+
+def test_lobes_are_reciprocal() -> None:
+    normal, view, light = (torch.tensor(v) for v in above_ground(200, seed=5))
+    assert torch.allclose(brdf.phong(normal, view, light), brdf.phong(normal, light, view), rtol=1e-9, atol=1e-15)
+    assert torch.equal(brdf.lambert(normal, light), brdf.lambert(normal, view))
+
+
+def test_phong_is_the_reference() -> None:
+    normal, view, light = above_ground(100, seed=6)
+    with jax.enable_x64(True):
+        expected = np.asarray(jax.vmap(lambda n, d, w: reference.phong_brdf(n, d, w, 32.0))(normal, view, light))
+        flat = np.asarray(jax.vmap(reference.lambert_brdf)(normal, light))
+    single = [torch.tensor(v.astype(np.float32)) for v in (normal, view, light)]
+    assert np.allclose(brdf.phong(*single).numpy(), expected, rtol=1e-4, atol=1e-6)
+    assert np.allclose(brdf.lambert(single[0], single[2]).numpy(), flat)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 import torch
 
 from handbench.light.lightset import LightSet
-from handbench.render import shading
+from handbench.render import fused, tiles
 from handbench.render.shading import light_features, relight, transfer
 
 
@@ -22,23 +24,59 @@ def scene():
     return normal, 0.05 * position, torch.rand(500, generator=generator), np.array([0.0, 0.0, 1.0]), lights, visible
 
 
+@pytest.mark.parametrize("model", ["brdf", "phong", "diffuse"])
 @pytest.mark.parametrize("seen", ["bool", "weights", "none"])
-def test_fused_and_tiled_agree(scene, seen: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fused_and_tiled_agree(scene, seen: str, model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     *maps, visible = scene
     visibility = {"bool": visible, "weights": 0.5 * visible, "none": None}[seen]
-    tiled = light_features(*maps, visibility)
-    monkeypatch.setattr(shading, "_FUSE", 0)
-    fused = light_features(*maps, visibility)
-    for one, other in zip(tiled, fused, strict=True):
-        assert (one - other).abs().max() < 1e-5 * one.abs().max()
+    tiled = light_features(*maps, visibility, model)
+    monkeypatch.setattr(tiles, "_FUSE", 0)
+    monkeypatch.setattr(fused, "_BLOCK", 128)  # the last block overlaps the one before it
+    monkeypatch.setattr(fused, "_LIGHTS", 32)  # and the lights need several calls
+    fast = light_features(*maps, visibility, model)
+    for one, other in zip(tiled, fast, strict=True):
+        assert (one - other).abs().max() <= 3e-6 * one.abs().max()
 
 
-def test_gradients_keep_to_the_tiles(scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    normal, position, roughness, centre, lights, visible = scene
-    monkeypatch.setattr(shading, "_FUSE", 0)
-    roughness = roughness.requires_grad_()
-    light_features(normal, position, roughness, centre, lights, visible)[1].sum().backward()
-    assert roughness.grad is not None and roughness.grad.abs().max() > 0
+@pytest.mark.parametrize("model", ["brdf", "phong"])
+def test_fused_gradients_are_those_of_the_tiles(scene, model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    *maps, visible = scene
+    maps[2] = 0.1 + 0.9 * maps[2]
+
+    def gradients(dtype: torch.dtype) -> tuple[torch.Tensor, ...]:
+        inputs = [values.to(dtype).requires_grad_() for values in maps[:3]]
+        diffuse, specular = light_features(*inputs, *maps[3:], visible, model)
+        return torch.autograd.grad((diffuse * diffuse + 2.0 * specular).sum(), inputs, allow_unused=model == "phong")
+
+    exact = gradients(torch.float64)
+    monkeypatch.setattr(tiles, "_FUSE", 0)
+    for ours, expected in zip(gradients(torch.float32), exact, strict=True):
+        if expected is not None:
+            assert (ours - expected).abs().max() < 1e-5 * expected.abs().max()
+
+
+def test_gradients_in_the_light_keep_to_the_tiles(scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    *maps, lights, visible = scene
+    monkeypatch.setattr(tiles, "_FUSE", 0)
+    power = torch.tensor(lights.irradiance, requires_grad=True)
+    some = LightSet(lights.directions, power, lights.positions, lights.intensities)
+    light_features(*maps, some, visible)[1].sum().backward()
+    assert power.grad is not None and power.grad.abs().max() > 0
+
+
+def test_without_xla_the_tiles_answer(scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    *maps, visible = scene
+    monkeypatch.setattr(tiles, "_FUSE", 0)
+    fast = light_features(*maps, visible)
+    monkeypatch.setitem(sys.modules, "jax", None)  # what a broken installation looks like
+    fused.usable.cache_clear()
+    try:
+        assert not fused.usable()
+        slow = light_features(*maps, visible)
+    finally:
+        fused.usable.cache_clear()
+    for one, other in zip(fast, slow, strict=True):
+        assert (one - other).abs().max() < 1e-6 * one.abs().max()
 
 
 def test_a_transfer_relights_as_the_tiles_do(scene) -> None:

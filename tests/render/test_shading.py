@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
 
 from handbench.light.lightset import LightSet
-from handbench.render import shading
+from handbench.render import tiles
 from handbench.render.brdf import specular
 from handbench.render.reference import shading_features
 from handbench.render.shading import light_features
@@ -36,8 +39,8 @@ def views(position: torch.Tensor) -> np.ndarray:
 
 @pytest.mark.parametrize(("dtype", "rtol"), [(torch.float64, 1e-10), (torch.float32, 2e-4)])
 def test_features_are_the_reference(dtype: torch.dtype, rtol: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shading, "_PAIRS", 1000)  # many tiles, the last ones partial
-    monkeypatch.setattr(shading, "_LIGHTS", 7)
+    monkeypatch.setattr(tiles, "_PAIRS", 1000)  # many tiles, the last ones partial
+    monkeypatch.setattr(tiles, "LIGHTS", 7)
     normal, position, roughness = texels(333, dtype=torch.float64)
     lights = distant(23)
     seen = np.random.default_rng(1).random((23, 333)) < 0.7
@@ -68,7 +71,7 @@ def test_dark_lights_and_tiles_do_not_change_the_answer(monkeypatch: pytest.Monk
     seen = np.random.default_rng(1).random((40, 100)) < 0.7
     skipped = light_features(*maps, CENTRE, LightSet(lights.directions, power, NONE, NONE), seen)
     kept = torch.tensor(power, requires_grad=True)  # a light that needs a gradient is never skipped
-    monkeypatch.setattr(shading, "_KEEP", 10)  # and tiles are recomputed in the backward pass
+    monkeypatch.setattr(tiles, "_KEEP", 10)  # and tiles are recomputed in the backward pass
     whole = light_features(*maps, CENTRE, LightSet(lights.directions, kept, NONE, NONE), seen)
     for a, b in zip(skipped, whole, strict=True):
         assert torch.allclose(a, b, rtol=1e-12)
@@ -118,8 +121,8 @@ def test_specular_feature_is_the_elementwise_brdf() -> None:
 @pytest.mark.parametrize("model", ["brdf", "phong", "diffuse"])
 @pytest.mark.parametrize("keep", [1 << 20, 1])
 def test_gradients_are_those_of_finite_differences(model: str, keep: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shading, "_KEEP", keep)
-    monkeypatch.setattr(shading, "_PAIRS", 12)
+    monkeypatch.setattr(tiles, "_KEEP", keep)
+    monkeypatch.setattr(tiles, "_PAIRS", 12)
     normal, position, roughness = texels(8, seed=3)
     lights = distant(4, seed=2)
 
@@ -152,3 +155,69 @@ def test_no_light_is_black() -> None:
     maps = texels(5)
     for values in light_features(*maps, CENTRE, LightSet(NONE, NONE, NONE, NONE)):
         assert values.shape == (3, 5) and not values.any()
+
+
+@pytest.mark.parametrize("path", ["tiles", "fused"])
+@pytest.mark.parametrize("roughness", [0.02, 0.05, 0.2, 1.0])
+def test_float32_keeps_five_digits_at_every_angle(roughness: float, path: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Relative error of every single value that the float64 reference says is not zero, one light at a time.
+
+    The inputs are what float32 maps hold, so the rounding of a normal is not judged, and all that follows is.
+    """
+    monkeypatch.setattr(tiles, "_FUSE", 0 if path == "fused" else 1 << 60)
+    random = np.random.default_rng(0)
+    single = torch.tensor(random.normal(size=(3, 600))).float()
+    normal = torch.nn.functional.normalize(single, dim=0)
+    position = 0.1 * torch.tensor(random.normal(size=(3, 600))).float()
+    exact = torch.nn.functional.normalize(normal.double(), dim=0).numpy()
+    view = views(position.double()).T
+    mirror = 2 * (exact * view).sum(0) * exact - view
+    # lights in the lobes of texels (those with the viewer near their horizon, too), on horizons, opposite, anywhere
+    low = np.argsort(np.abs((exact * view).sum(0)))[:8]
+    near = mirror[:, np.r_[low, :8]] + random.normal(size=(3, 16)) * roughness**2 * random.random(16)
+    tangent = np.cross(exact[:, 8:16].T, random.normal(size=(8, 3))).T
+    horizon = tangent / np.linalg.norm(tangent, axis=0) + exact[:, 8:16] * np.geomspace(1e-6, 1e-2, 8)
+    towards = np.concatenate([near, horizon, -view[:, low[:4]], random.normal(size=(3, 12))], axis=1).T
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    rough = np.full(600, np.float32(roughness), dtype=np.float64)
+    for direction in towards:
+        lights = LightSet(direction[None], np.ones((1, 3)), NONE, NONE)
+        seen = np.ones((1, 600))
+        expected = shading_features(exact.T, view.T, rough, lights.directions, lights.irradiance, seen)
+        found = light_features(normal, position, torch.tensor(rough).float(), CENTRE, lights)
+        for ours, theirs in zip(found, expected, strict=True):
+            lit = theirs.T > 1e-30
+            assert np.allclose(ours.numpy()[lit], theirs.T[lit], rtol=1e-5, atol=0)
+
+
+@pytest.mark.parametrize("path", ["tiles", "fused", "tiles, gradient", "fused, gradient"])
+def test_memory_is_bounded_whatever_the_number_of_lights(path: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tiles, "_FUSE", 0 if path.startswith("fused") else 1 << 60)
+    normal, position, roughness = texels(20000, dtype=torch.float32)
+    normal.requires_grad_("gradient" in path)
+    lights = distant(800)
+
+    def work() -> None:
+        specular = light_features(normal, position, roughness, CENTRE, lights)[1]
+        if normal.requires_grad:
+            specular.sum().backward()
+
+    work()  # compile, and let the allocators take what they keep
+    # one float32 buffer of lights x texels would be 64 MB, and without tiles there would be a dozen
+    assert _peak(work) < 16e6 + 300 * 20000
+
+
+def _peak(work: Callable[[], None]) -> float:
+    """Bytes of resident memory that a call takes at most, beyond what is resident before it."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5")  # starts the peak anew
+    except OSError:
+        pytest.skip("this system does not tell the peak of a part of a process")
+    before = _resident("VmRSS")
+    work()
+    return _resident("VmHWM") - before
+
+
+def _resident(field: str) -> float:
+    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(field))
+    return 1024.0 * float(line.split()[1])

@@ -5,7 +5,13 @@ import pytest
 import torch
 
 from handbench.render.atlas import Atlas
-from handbench.render.surface import refine, surface_maps, vertex_normals
+from handbench.render.surface import Relief, surface_maps, vertex_normals
+
+
+def refine(position: torch.Tensor, normal: torch.Tensor, displacement: torch.Tensor, atlas: Atlas) -> torch.Tensor:
+    """Maps to maps: (3, R, R) twice and (..., 1, R, R) to (..., 3, R, R)."""
+    relief = Relief(atlas.gather(position), atlas.gather(normal), atlas)
+    return atlas.scatter(relief.refined(atlas.gather(displacement)))
 
 
 def angle(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:

@@ -8,7 +8,8 @@ from handbench.light.stage import stage_directions
 from handbench.render.atlas import Atlas
 from handbench.render.rays import RayScene
 from handbench.render.surface import surface_maps
-from handbench.render.visibility import visibility
+from handbench.render.visibility import HORIZON, visibility
+from handbench.skips import NONE, Skips, skipping, tallied
 
 
 def flat(mesh, atlas):
@@ -42,7 +43,8 @@ def test_a_ball_has_no_shadow_on_its_lit_side(shapes, cells: tuple[int, int]) ->
     atlas = Atlas(mesh.topology, 64)
     _, normal = flat(mesh, atlas)
     lights = stage_directions(40)
-    seen = visibility(mesh, atlas, lights, horizon=1.0)
+    with skipping(NONE):
+        seen = visibility(mesh, atlas, lights)
     cosine = lights @ normal.T
     assert seen.shape == cosine.shape and seen.dtype == bool
     assert seen[cosine > 0].all()
@@ -94,14 +96,24 @@ def test_near_lights_far_away_see_as_distant_ones(shapes) -> None:
     assert 0.2 < both.mean() < 0.5
 
 
-def test_skipped_pairs_are_those_without_light(shapes) -> None:
+def test_pairs_below_the_horizon_are_skipped_and_counted(shapes) -> None:
     mesh = shapes.torus()
     atlas = Atlas(mesh.topology, 48)
-    lights = stage_directions(30)
+    lights, lamps = stage_directions(30), 5.0 * stage_directions(3)
     _, normal = flat(mesh, atlas)
-    lit = np.maximum(lights @ normal.T, 0)
-    some, everything = (visibility(mesh, atlas, lights, horizon=horizon) for horizon in (0.0, 2.0))
-    assert np.array_equal(some * lit, everything * lit)
+    cosine = lights @ normal.T
+    with tallied() as tally:
+        some = visibility(mesh, atlas, lights, lamps)
+    with skipping(Skips(below_horizon=False)), tallied() as whole_tally:
+        everything = visibility(mesh, atlas, lights, lamps)
+    saved, nothing = tally.lines()["shadow rays"], whole_tally.lines()["shadow rays"]
+    assert nothing.total == saved.total == everything.size and nothing.skipped == 0
+    assert (cosine <= -HORIZON).mean() <= saved.skipped / saved.total <= (cosine <= 0).mean() + 0.01
+    assert np.array_equal(some[:30][cosine > 0], everything[:30][cosine > 0])
+    # what is left out lies in shadow anyway, up to a thin band that lifted starts see over the horizon
+    missed = everything & ~some
+    assert not some[:30][cosine <= -HORIZON].any()
+    assert missed[:30][cosine <= 0].mean() < 1e-3
 
 
 def test_batches_of_rays_do_not_change_the_answer(shapes, monkeypatch: pytest.MonkeyPatch) -> None:

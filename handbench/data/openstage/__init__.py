@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
+from ...cache import cache_folder
 from ...errors import InputError
 from ...method import Progress, silent
 from ..capture import Capture
@@ -21,8 +21,7 @@ def capture_folder(size: str, folder: Path | None = None) -> Path:
     recipe = preset(size).recipe
     if size == "mini" and folder is None:
         return Path(__file__).parent / "mini"
-    root = folder or Path(os.environ.get("HANDBENCH_DATA") or Path.home() / ".cache" / "handbench")
-    return root / f"openstage-{size}-{recipe[:8]}"
+    return (folder or cache_folder()) / f"openstage-{size}-{recipe[:8]}"
 
 
 def open_capture(size: str = "quick", folder: Path | None = None, progress: Progress = silent) -> Capture:

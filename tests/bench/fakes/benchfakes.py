@@ -126,7 +126,7 @@ class ToyPrior(Prior):
     def __init__(self, name: str, gain: float) -> None:
         self._name, self._gain = name, gain
 
-    def personalise(self, enrolment: Recording, seed: int = 0) -> Avatar:
+    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
         CALLS[f"{self._name} personalise"] += 1
         (subject,) = enrolment.subjects
         kinds = {frame.kind for frame in enrolment.frames}

@@ -1,0 +1,128 @@
+"""The autoencoder as one module: who a hand is, how it is posed, and the surface that follows.
+
+Networks run on their device, geometry on the CPU. All lengths are metres; key points are those of `skeleton`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+from torch import Tensor, nn
+
+from handbench.hand import OpenHand
+from handbench.scene import Array, Camera, Pose
+
+from ..nets.layers import channels_last
+from .config import Config
+from .networks import OFFSET, IdentityDecoder, IdentityEncoder, PoseDecoder, PoseEncoder, principal
+from .scan import Scan, depth_maps
+from .skeleton import bone_weights, directions, forward, key_weights
+
+_NEAR, _FAR = 0.004, 0.1  # metres that count as one: joints about the template's, joints about the wrist
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A hand at rest: code (Z,), coarse vertices (V, 3) and key points (P, 3), and the vertices' offsets (V, 3)."""
+
+    code: Tensor
+    vertices: Tensor
+    points: Tensor
+    offsets: Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """A posed hand in the world: vertices (V_level, 3), key points (P, 3), and the pose correctives (V, 3)."""
+
+    vertices: Tensor
+    points: Tensor
+    correctives: Tensor
+
+
+class GeometryModel(nn.Module):
+    """E_id, D_id, E_theta and D_theta (URHand supp. Fig. 3) around the open hand, whose template they correct."""
+
+    def __init__(self, config: Config, level: int) -> None:
+        super().__init__()
+        self.config, self.level = config, level
+        self._hand = hand = OpenHand.load()
+        template = hand.template
+        points, joints, vertices = len(template.points), len(template.parents), len(template.vertices)
+        self.identity_encoder = IdentityEncoder(points, config.code)
+        self.identity_decoder = IdentityDecoder(config.code, points, vertices)
+        self.pose_encoder = PoseEncoder(points, joints)
+        self.pose_decoder = PoseDecoder(joints, config.code, vertices)
+        channels_last(self)
+        self._vertices = torch.tensor(template.vertices).float()
+        self._points = torch.tensor(template.points).float()
+        self._weights = torch.cat([torch.tensor(template.weights), key_weights()]).float()
+        self._bones = torch.tensor(bone_weights()).float()
+        self._wrist = hand.joint_names.index("wrist")
+        free = torch.ones(joints + 2, 1)
+        free[hand.joint_names.index("forearm")] = 0.0  # the rigid placement of the hand moves the forearm
+        self._free = free
+        self.still = torch.zeros(joints + 2, 3)
+        """What `beyond` says when a picture adds nothing."""
+
+    def _run(self, network: nn.Module, *inputs: Tensor) -> tuple[Tensor, ...]:
+        """A network on single inputs without a batch axis, there and back from its device."""
+        place = next(network.parameters()).device
+        found = network(*(x[None].to(place) for x in inputs))
+        return tuple(x[0].cpu() for x in (found if isinstance(found, tuple) else (found,)))
+
+    def start(self, hands: Sequence[Array]) -> None:
+        """Begin with the joints' principal components of neutral hands in the reference frame, each (P, 3)."""
+        near = torch.from_numpy(np.stack(hands)).float().sub(self._points) / _NEAR
+        place = self.identity_decoder.straight.weight.device
+        principal(self.identity_encoder, self.identity_decoder, near.to(place), _NEAR)
+
+    def encode(self, aligned: Scan, points: Array) -> tuple[Tensor, Tensor]:
+        """Mean and log variance (Z,) of the identity code of a neutral hand in the reference frame."""
+        near = (torch.from_numpy(points).float() - self._points) / _NEAR
+        mean, log_variance = self._run(self.identity_encoder, depth_maps(aligned, self.config.depth), near)
+        return mean, log_variance
+
+    def shape(self, code: Tensor) -> Shape:
+        """The hand of a code at rest: bones carry their vertices, the wrist stays at the origin."""
+        joints, vertices = self._run(self.identity_decoder, code)
+        joints = joints - joints[self._wrist]
+        return Shape(code, self._vertices + self._bones @ joints + vertices, self._points + joints, vertices)
+
+    def beyond(self, picture: Tensor, camera: Camera, observed: Array, told: Pose) -> Tensor:
+        """What a picture adds to the pose that its key points (P, 3) tell: (J + 2, 3) radians, the last one metres."""
+        seen = (observed - observed[self._wrist]) @ camera.world_to_camera[:, :3].T
+        positions = torch.from_numpy(seen / _FAR).float()
+        (found,) = self._run(self.pose_encoder, picture, positions, torch.tensor(told.joints).float())
+        found = found * self._free
+        return torch.cat([found[:-1], OFFSET * found[-1:]])
+
+    def told(self, shape: Shape, observed: Array) -> Pose:
+        """The pose that key points (P, 3) tell of this hand in closed form; not differentiated through."""
+        return directions(shape.points.detach().double().numpy(), observed)
+
+    def posed(self, shape: Shape, told: Pose, beyond: Tensor) -> Posed:
+        """Template + identity and pose correctives, linear blend skinning, subdivision to the capture's level."""
+        joints = torch.tensor(told.joints).float() + beyond[:-2]
+        (correctives,) = self._run(self.pose_decoder, joints, shape.code)
+        carried = torch.cat([shape.vertices + correctives, shape.points])
+        skinned = forward(carried, shape.points, self._weights, joints, beyond[-2], beyond[-1])
+        placed = skinned @ _matrix(told).T + torch.tensor(told.translation).float()
+        count = len(shape.vertices)
+        return Posed(self._hand.subdivide(placed[:count], self.level), placed[count:], correctives)
+
+
+def combined(told: Pose, beyond: Tensor) -> Pose:
+    """The whole pose: v -> R (exp(turn) skinned + shift) + t as one placement."""
+    extra = beyond.double().numpy()
+    placed = Rotation.from_rotvec(told.rotation.copy())
+    rotation = (placed * Rotation.from_rotvec(extra[-2])).as_rotvec()
+    return Pose(told.joints + extra[:-2], rotation, placed.apply(extra[-1]) + told.translation)
+
+
+def _matrix(pose: Pose) -> Tensor:
+    return torch.tensor(Rotation.from_rotvec(pose.rotation.copy()).as_matrix()).float()

@@ -1,0 +1,184 @@
+"""The autoencoder scored on its own: geometry errors on held-out fully lit frames, beside two baselines."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from handbench.bench.progress import steps
+from handbench.bench.protocol import Protocol, resolve
+from handbench.bench.provenance import provenance
+from handbench.bench.run import find_protocol
+from handbench.data.capture import Capture
+from handbench.errors import StorageError, Unsupported
+from handbench.files import whole
+from handbench.hand import OpenHand
+from handbench.hand.geometry_errors import point_error, surface_errors
+from handbench.method import Progress, Recording, silent
+from handbench.registry import CAPTURES
+from handbench.scene import Array, Frame, Mesh
+
+from .neutral import full_frames, neutral
+from .scan import scan
+from .skeleton import level_of, posed_points
+from .tracker import NAME, GeometryPrior, Tracking, create
+
+SCHEMA = 1
+RESULT = "geometry.json"
+ERRORS = ("surface_mean", "surface_p95", "joint", "vertex")
+"""Millimetres: scan points from the surface (mean and 95th percentile), joints, vertices from the tracked mesh."""
+
+ROWS = {
+    "autoencoder": "Geometry autoencoder",
+    "template": "Template in the true pose (no identity)",
+    "tracked": "The capture's tracked mesh (noise floor)",
+}
+GROUPS = {"trained": "trained subjects, unseen poses", "unseen": "unseen subjects, unseen poses"}
+
+
+@dataclass(frozen=True)
+class FrameErrors:
+    """Errors of one frame in millimetres; None where a row is itself what the error is measured from."""
+
+    frame: str
+    row: str
+    surface_mean: float
+    surface_p95: float
+    joint: float | None
+    vertex: float | None
+
+
+def geometry_report(prior: GeometryPrior, enrolment: Recording, frames: Recording) -> list[FrameErrors]:
+    """The errors of every fully lit frame for every row of `ROWS`.
+
+    Subjects are identified from `enrolment`; poses are tracked from all fully lit frames of `frames`. The scan of a
+    frame is what its own depth map shows. Raises `Unsupported` without fully lit frames or without depth.
+    """
+    lit = full_frames(frames)
+    tracking = Tracking(prior, Recording((*enrolment.of_kind("full").frames, *lit.frames), lit.observe))
+    rest = {subject: neutral(enrolment.of_subject(subject)).rest for subject in lit.subjects}
+    found = []
+    for frame in lit.frames:
+        points = scan([(frame, lit.observe(frame))]).points
+        true = posed_points(rest[frame.subject], frame.pose)
+        for row, (mesh, joints) in _geometries(frame, tracking).items():
+            found.append(
+                FrameErrors(
+                    frame.key,
+                    row,
+                    **surface_errors(mesh, points),
+                    joint=None if joints is None else point_error(joints, true),
+                    vertex=None if mesh is frame.mesh else point_error(mesh.vertices, frame.mesh.vertices),
+                )
+            )
+    return found
+
+
+def _geometries(frame: Frame, tracking: Tracking) -> dict[str, tuple[Mesh, Array | None]]:
+    """Mesh and key points (P, 3) of a frame by row."""
+    hand, own = OpenHand.load(), tracking.of(frame)
+    template = hand.mesh(hand.neutral(), frame.pose, level_of(frame.mesh))
+    return {
+        "autoencoder": (own.mesh, own.points),
+        "template": (template, posed_points(hand.template.points, frame.pose)),
+        "tracked": (frame.mesh, None),
+    }
+
+
+def mean_errors(found: Iterable[FrameErrors]) -> dict[str, dict[str, float | None]]:
+    """Row by row the mean over subjects of the means over their frames, in millimetres."""
+    by_row: dict[str, dict[str, list[FrameErrors]]] = {}
+    for errors in found:
+        by_row.setdefault(errors.row, {}).setdefault(errors.frame.split("/")[0], []).append(errors)
+    return {
+        row: {name: _mean([[getattr(e, name) for e in one] for one in subjects.values()]) for name in ERRORS}
+        for row, subjects in by_row.items()
+    }
+
+
+def _mean(subjects: list[list[float | None]]) -> float | None:
+    known = [[value for value in values if value is not None] for values in subjects]
+    return fmean(map(fmean, known)) if all(known) else None
+
+
+def evaluate(
+    capture: Capture, protocol: Protocol, preset: str = "quick", seed: int = 0, progress: Progress = silent
+) -> tuple[GeometryPrior, dict[str, list[FrameErrors]]]:
+    """Train on the protocol's fully lit training frames; errors on fully lit frames of other poses by `GROUPS`.
+
+    Trained subjects are identified from training, unseen ones from enrolment. Raises `Unsupported` if a group has no
+    such frames, or the capture lacks what the autoencoder needs.
+    """
+    frames = capture.frames()
+    chosen = resolve(protocol, frames)
+    train = full_frames(capture.recording(chosen.train))
+    prior = create(preset).train(train, seed, progress)
+    shown = {frame.pose_key for frame in (*chosen.train, *chosen.enrol)}
+    found = {}
+    for group, subjects, known in (
+        ("trained", protocol.trained, train.frames),
+        ("unseen", protocol.unseen, chosen.enrol),
+    ):
+        if subjects:
+            held_out = [f for f in frames if f.subject in subjects and f.kind == "full" and f.pose_key not in shown]
+            if not held_out:
+                raise Unsupported(f"protocol {protocol.label}: no fully lit frames of {GROUPS[group]} to measure on")
+            enrolment = capture.recording(frame for frame in known if frame.subject in subjects)
+            found[group] = geometry_report(prior, enrolment, capture.recording(held_out))
+    return prior, found
+
+
+def run(
+    protocol_name: str,
+    out: Path,
+    data: Path | None = None,
+    preset: str | None = None,
+    seed: int = 0,
+    command: list[str] | None = None,
+) -> dict[str, Any]:
+    """Train, measure, write `geometry.json` and the weights into `out`, and return what was written.
+
+    Raises `InputError` for an unknown protocol or preset, `StorageError` for a folder that cannot be written.
+    """
+    protocol = find_protocol(protocol_name)
+    preset = preset or protocol.preset_of(NAME)
+    tracker = create(preset)
+    about = provenance(command or sys.argv)
+    try:
+        (out / "prior").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"{out} cannot be written ({error}); choose another folder") from error
+    with steps() as told:
+        label = f"capture {protocol.capture} {protocol.size}"
+        capture = CAPTURES.load(protocol.capture)(size=protocol.size, folder=data, progress=told(label))
+        prior, found = evaluate(capture, protocol, preset, seed, told(f"geometry {preset}"))
+    prior.save(out / "prior")
+    result = {
+        "schema": SCHEMA,
+        "provenance": about,
+        "protocol": protocol.label,
+        "capture": {"name": capture.name, "digest": capture.digest},
+        "preset": preset,
+        "config": tracker.config,
+        "seed": seed,
+        "unit": "mm",
+        "table": table(found),
+        "frames": {group: [asdict(errors) for errors in one] for group, one in found.items()},
+    }
+    with whole(out / RESULT) as part:
+        part.write_text(json.dumps(result, indent=1, allow_nan=False))
+    return result
+
+
+def table(found: dict[str, list[FrameErrors]]) -> list[dict[str, Any]]:
+    """One line per group and row: titles, how many frames, mean errors in millimetres."""
+    return [
+        {"group": group, "row": row, "title": ROWS[row], "frames": len({e.frame for e in errors}), **means}
+        for group, errors in found.items()
+        for row, means in mean_errors(errors).items()
+    ]

@@ -1,0 +1,161 @@
+"""Tracking with the autoencoder: train once, identify a subject from its neutral frames, then track its poses."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+
+from handbench.device import device
+from handbench.errors import Unsupported
+from handbench.method import Progress, Recording, silent
+from handbench.scene import Array, Frame, Mesh, Pose, Query
+
+from ..nets.weights import load_state, save_state
+from .config import Config, configuration
+from .model import GeometryModel, Shape, combined
+from .neutral import Neutral, full_frames, neutral
+from .scan import picture
+from .skeleton import level_of
+from .training import train
+
+NAME = "geometry"
+Asked = TypeVar("Asked", bound=Query)
+
+
+@dataclass(frozen=True, eq=False)
+class Person:
+    """A subject whose identity code is known."""
+
+    neutral: Neutral
+    shape: Shape
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """A pose as tracked: mesh over the capture's topology, pose, and key points (P, 3) in the world."""
+
+    mesh: Mesh
+    pose: Pose
+    points: Array
+
+
+class GeometryPrior:
+    """What all training subjects taught: a general hand tracker."""
+
+    def __init__(self, model: GeometryModel) -> None:
+        self.model = model.eval()
+
+    @torch.no_grad()
+    def identify(self, enrolment: Recording) -> Person:
+        """The mean identity of a recording's one subject.
+
+        Raises `Unsupported` without fully lit frames with depth in a neutral pose.
+        """
+        found = neutral(enrolment)
+        mean, _ = self.model.encode(found.scan, found.points)
+        return Person(found, self.model.shape(mean))
+
+    @torch.no_grad()
+    def track(self, person: Person, views: Recording) -> Tracked:
+        """The geometry of one pose of a person from its fully lit frames: what cameras add to the pose is averaged.
+
+        Raises `Unsupported` if there are none.
+        """
+        lit, model = full_frames(views), self.model
+        observed = person.neutral.observed(lit.frames[0])
+        told = model.told(person.shape, observed)
+        added = [
+            model.beyond(
+                picture(lit.observe(f).image, f.camera, observed, model.config.image), f.camera, observed, told
+            )
+            for f in lit.frames
+        ]
+        beyond = torch.stack(added).mean(dim=0)
+        posed = model.posed(person.shape, told, beyond)
+        topology = lit.frames[0].mesh.topology
+        return Tracked(Mesh(posed.vertices.numpy(), topology), combined(told, beyond), posed.points.numpy())
+
+    def save(self, folder: Path) -> None:
+        """Write everything `Tracker.load` needs into an existing folder."""
+        state = {**self.model.state_dict(), "level": torch.tensor(self.model.level)}
+        save_state(folder, NAME, asdict(self.model.config), state)
+
+
+class Tracker:
+    """The autoencoder with its configuration."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """Every setting that can change a result, as JSON values."""
+        return asdict(self._config)
+
+    def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> GeometryPrior:
+        """Learn from the fully lit frames of all subjects.
+
+        Raises `Unsupported` if there are none, if they have no depth, or if a subject lacks a neutral pose.
+        """
+        level = level_of(full_frames(recording).frames[0].mesh)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            model = GeometryModel(self._config, level).to(device())
+        train(model, recording, seed, progress)
+        return GeometryPrior(model)
+
+    def load(self, folder: Path) -> GeometryPrior:
+        """The prior that `GeometryPrior.save` wrote. Raises `InputError` for another version or configuration."""
+        state = load_state(folder, NAME, asdict(self._config))
+        model = GeometryModel(self._config, int(state.pop("level")))
+        model.load_state_dict(state)
+        return GeometryPrior(model.to(device()))
+
+
+def create(preset: str = "quick") -> Tracker:
+    """The tracker at a preset; `InputError` for an unknown one."""
+    return Tracker(configuration(preset))
+
+
+class Tracking:
+    """Frames and queries with the autoencoder's mesh and pose in place of the capture's.
+
+    `lit` holds the fully lit frames that are looked at: those of every pose asked for, and of every subject one in the
+    neutral pose. A pose is tracked once, and its frames share one mesh. The prior is frozen (supp. Sec. 4.1).
+    """
+
+    def __init__(self, prior: GeometryPrior, lit: Recording) -> None:
+        self._prior, self._lit = prior, full_frames(lit)
+        self._persons: dict[str, Person] = {}
+        self._poses: dict[str, Tracked] = {}
+
+    def of(self, query: Query) -> Tracked:
+        """The geometry of a query's pose. Raises `Unsupported` if no fully lit frame shows it."""
+        if query.pose_key not in self._poses:
+            views = self._lit.where(lambda frame: frame.pose_key == query.pose_key)
+            if not views.frames:
+                raise Unsupported(
+                    f"{query.pose_key} cannot be tracked: no fully lit frame of it was given; "
+                    "record one, or use the capture's own meshes"
+                )
+            if query.subject not in self._persons:
+                self._persons[query.subject] = self._prior.identify(self._lit.of_subject(query.subject))
+            self._poses[query.pose_key] = self._prior.track(self._persons[query.subject], views)
+        return self._poses[query.pose_key]
+
+    def __call__(self, query: Asked) -> Asked:
+        found = self.of(query)
+        return replace(query, mesh=found.mesh, pose=found.pose)
+
+    def recording(self, recording: Recording) -> Recording:
+        """The same frames with tracked geometry, and the same images."""
+        originals: dict[str, Frame] = {frame.key: frame for frame in recording.frames}
+        return Recording(map(self, recording.frames), lambda frame: recording.observe(originals[frame.key]))
+
+
+def tracked(recording: Recording, prior: GeometryPrior, lit: Recording | None = None) -> Recording:
+    """A recording with the autoencoder's geometry; `lit` as in `Tracking`, by default the recording itself."""
+    return Tracking(prior, recording if lit is None else lit).recording(recording)

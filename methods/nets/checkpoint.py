@@ -1,0 +1,93 @@
+"""The state of a training on disk: written now and then, read when the same training starts again."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, TypeAlias
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+
+from handbench.checkpoint import Checkpoints, checkpoints
+from handbench.errors import StorageError
+from handbench.files import whole
+
+Part: TypeAlias = tuple[nn.Module, torch.optim.Optimizer]
+
+EVERY = 30.0
+"""Seconds between two checkpoints: when one is written changes no result, only what a kill costs."""
+
+
+class Checkpoint:
+    """Weights and optimiser states of named parts of a training, and where it stands."""
+
+    def __init__(self, kept: Checkpoints, name: str, parts: Mapping[str, Part]) -> None:
+        self._kept, self._path, self._parts = kept, kept.folder / f"{name}.safetensors", parts
+        self._start = self._last = time.monotonic()
+        self._earlier = 0.0
+
+    @staticmethod
+    def of(name: str, parts: Mapping[str, Part]) -> Checkpoint | None:
+        """The checkpoint of the training called `name`, or None if nothing is to be kept."""
+        kept = checkpoints()
+        return None if kept is None else Checkpoint(kept, name, parts)
+
+    def due(self) -> bool:
+        return time.monotonic() - self._last >= EVERY
+
+    def write(self, about: Mapping[str, Any]) -> None:
+        """Keep the state. Raises `StorageError` if it cannot be written."""
+        tensors: dict[str, Tensor] = {}
+        for name, (module, optimiser) in self._parts.items():
+            tensors |= {f"{name}/{key}": value for key, value in module.state_dict().items()}
+            for index, moments in optimiser.state_dict()["state"].items():
+                tensors |= {f"{name}/adam/{index}/{key}": value for key, value in moments.items()}
+        told = {**about, "seconds": self._earlier + time.monotonic() - self._start}
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            with whole(self._path) as part:
+                save_file({k: v.contiguous() for k, v in tensors.items()}, part, {"about": json.dumps(told)})
+        except (OSError, SafetensorError) as error:  # safetensors has its own word for a full disk
+            raise StorageError(f"{self._path} cannot be written ({error}); free some space") from error
+        self._last = time.monotonic()
+
+    def read(self) -> dict[str, Any] | None:
+        """Put the kept state into modules and optimisers and return what was told with it.
+
+        None if there is none, or if it is damaged or does not fit: the training then starts anew.
+        """
+        with suppress(OSError, SafetensorError, ValueError, KeyError):
+            with safe_open(self._path, framework="pt") as file:
+                about: dict[str, Any] = json.loads(file.metadata()["about"])
+            tensors = load_file(self._path)
+            earlier = float(about["seconds"])
+            states = [_state(name, *part, tensors) for name, part in self._parts.items()]  # before anything is changed
+            for (module, optimiser), (weights, moments) in zip(self._parts.values(), states, strict=True):
+                module.load_state_dict(weights)
+                optimiser.load_state_dict({**optimiser.state_dict(), "state": moments})
+            self._earlier = earlier
+            self._kept.earlier_s += earlier
+            return about
+        return None
+
+
+def _state(
+    name: str, module: nn.Module, optimiser: torch.optim.Optimizer, tensors: Mapping[str, Tensor]
+) -> tuple[dict[str, Tensor], dict[int, dict[str, Tensor]]]:
+    """The weights of a part, and its optimiser's state by the parameter's number. `KeyError` if they do not fit."""
+    weights = {key: tensors[f"{name}/{key}"] for key in module.state_dict()}
+    if any(weights[key].shape != value.shape for key, value in module.state_dict().items()):
+        raise KeyError(name)
+    moments: dict[int, dict[str, Tensor]] = {}
+    for key, value in tensors.items():
+        head, _, kind = key.rpartition("/")
+        if head.startswith(f"{name}/adam/"):
+            moments.setdefault(int(head.rpartition("/")[2]), {})[kind] = value
+    if moments and len(moments) != len(optimiser.param_groups[0]["params"]):
+        raise KeyError(name)
+    return weights, moments

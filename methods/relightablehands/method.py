@@ -1,0 +1,132 @@
+"""RelightableHands behind the one interface: nothing is learned from other subjects, everything in `personalise`."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from handbench.errors import Unsupported
+from handbench.light.lightset import LightSet, light_samples
+from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
+from handbench.render.posed import PosedSurface, raster
+from handbench.scene import Array, Prediction, Query
+from handbench.skips import note, skips
+
+from ..nets.weights import load_state, save_state
+from ..picture import prediction
+from .config import Config, configuration
+from .model import RelightableHandsModel, Seen, lit
+from .training import train
+
+_KEPT_BYTES = 64 << 20  # of responses; one takes 130 kB at 128 texels
+_TOGETHER = 8  # lights in one pass of the network: bounds memory
+MOST_LIGHTS = 1024
+"""Most lights of a picture: at 10 to 20 ms each more would take minutes."""
+
+INFO = MethodInfo(
+    name="relightablehands",
+    title="RelightableHands",
+    summary="one identity's texture decoder on a mesh, one pass a light, summed",
+    linear=True,
+    fidelity="reimplementation on a mesh, trained here on open data",
+)
+
+_Key: TypeAlias = tuple[PosedSurface, bytes, bytes]
+
+
+class RelightableHandsAvatar(Avatar):
+    """A subject's trained network. What the hand answers to single lights is kept for the last poses and cameras."""
+
+    def __init__(self, model: RelightableHandsModel) -> None:
+        self._model = model
+        self._kept: OrderedDict[_Key, Tensor] = OrderedDict()
+
+    @torch.no_grad()
+    def relight(self, query: Query) -> Prediction:
+        config = self._model.config
+        lights = light_samples(query.light, environment_lights=config.environment_lights)
+        if len(lights.positions):
+            raise Unsupported(f"{INFO.title} is trained on distant lights and cannot draw point lights")
+        if len(lights) > MOST_LIGHTS:
+            raise Unsupported(
+                f"{INFO.title} runs its network once a light: {len(lights)} lights are more than {MOST_LIGHTS}"
+            )
+        posed = PosedSurface.of(query.mesh, config.texture)
+        colour = torch.zeros(3, posed.atlas.count)
+        for first in range(0, len(lights), _TOGETHER):
+            some = _some(lights, slice(first, first + _TOGETHER))
+            colour += lit(self._responses(query, posed, some), some.irradiance)
+        return prediction(raster(query.mesh, query.camera), posed.atlas.dilate(posed.atlas.scatter(colour)))
+
+    def _responses(self, query: Query, posed: PosedSurface, lights: LightSet) -> Tensor:
+        """What the hand answers to each of a few distant lights at unit irradiance, (L, 3, N)."""
+        if not skips().repeated:
+            return self._drawn(query, posed, lights)
+        centre = query.camera.centre.tobytes()
+        keys = [(posed, centre, direction.tobytes()) for direction in lights.directions]
+        found = {key: self._kept[key] for key in keys if key in self._kept}
+        missing = {key: row for row, key in enumerate(keys) if key not in found}
+        note("lights known already", len(keys), len(keys) - len(missing))
+        if missing:
+            rows = np.array([*missing.values()])
+            drawn = self._drawn(query, posed, _some(lights, rows))
+            # copies: a view would keep the answers to all of these lights alive
+            found |= {key: response.clone() for key, response in zip(missing, drawn, strict=True)}
+        for key, response in found.items():
+            self._kept[key] = response
+            self._kept.move_to_end(key)
+        while len(self._kept) * found[keys[0]].nbytes > _KEPT_BYTES:
+            self._kept.popitem(last=False)
+        return torch.stack([found[key] for key in keys])
+
+    def _drawn(self, query: Query, posed: PosedSurface, lights: LightSet) -> Tensor:
+        """The same from the network."""
+        seen = Seen.of(posed, query.camera.centre, query.pose.joints)
+        return self._model.responses(seen, lights.directions, posed.visibility(lights))[0]
+
+
+def _some(lights: LightSet, rows: Array | slice) -> LightSet:
+    """Some of distant lights."""
+    return LightSet(lights.directions[rows], lights.irradiance[rows], lights.positions, lights.intensities)
+
+
+class RelightableHandsPrior(Prior):
+    """Nothing but the configuration: other subjects teach this method nothing."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+
+    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
+        return RelightableHandsAvatar(train(self.config, enrolment, seed, progress))
+
+    def save(self, folder: Path) -> None:
+        save_state(folder, INFO.name, asdict(self.config), {})
+
+
+class RelightableHands(Method):
+    info = INFO
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+
+    @property
+    def config(self) -> dict[str, Any]:
+        return asdict(self._config)
+
+    def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
+        return RelightableHandsPrior(self._config)
+
+    def load(self, folder: Path) -> Prior:
+        load_state(folder, INFO.name, asdict(self._config))
+        return RelightableHandsPrior(self._config)
+
+
+def create(preset: str = "quick") -> Method:
+    """RelightableHands at a preset; `InputError` for an unknown one."""
+    return RelightableHands(configuration(preset))

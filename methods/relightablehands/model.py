@@ -1,0 +1,87 @@
+"""RelightableHands on a mesh: what a hand answers to each light on its own (URHand supp. Sec. 5.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from handbench.render.atlas import Atlas
+from handbench.render.posed import PosedSurface
+from handbench.render.surface import unit
+from handbench.scene import Array
+
+from ..nets.layers import channels_last
+from .config import Bias, Config
+from .frames import tangent_frames
+from .networks import TextureDecoder
+
+SCALE, OFFSET = 25.0, 100.0  # lambda_s and lambda_b of Eq. 7, of images of 0..255
+
+
+def coloured(texture: Tensor, shadow: Tensor, bias: Bias) -> tuple[Tensor, Tensor]:
+    """The colour C of Eq. 7 on a scale of 0..255, and what goes into its ReLU, of raw maps (…, 3, N), (…, 1, N).
+
+    bias "outside": C = σ(S) (ReLU(25 T) + 100), as the supplement prints it; "inside": C = σ(S) ReLU(25 T + 100),
+    as in the released code.
+    """
+    cut = SCALE * texture if bias == "outside" else SCALE * texture + OFFSET
+    return shadow.sigmoid() * (cut.relu() + (OFFSET if bias == "outside" else 0.0)), cut
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A pose in a camera: the texels' frames (3, 3, N), the view direction in them (3, N), joint rotations (J, 3)."""
+
+    frames: Tensor
+    view: Tensor
+    joints: Tensor
+    atlas: Atlas
+
+    @staticmethod
+    def of(posed: PosedSurface, centre: Array, joints: Array) -> Seen:
+        frames = tangent_frames(posed)
+        view = unit(torch.as_tensor(centre, dtype=torch.float32)[:, None] - posed.position)
+        rotations = torch.from_numpy(joints.copy()).float()
+        return Seen(frames, (frames * view).sum(dim=1), rotations, posed.atlas)
+
+
+class RelightableHandsModel(nn.Module):
+    """The texture decoder of one identity, and how bright its pictures are.
+
+    `exposure` is the radiance under a light of unit irradiance that counts as 255 in Eq. 7. The network runs on the
+    device of its parameters; everything that comes in or goes out is float32 on the CPU.
+    """
+
+    exposure: Tensor
+
+    def __init__(self, config: Config, joints: int, exposure: float) -> None:
+        super().__init__()
+        self.config = config
+        self.decoder = TextureDecoder(3 * joints, config.texture)
+        self.register_buffer("exposure", torch.tensor(exposure))
+        channels_last(self)
+
+    def responses(self, seen: Seen, directions: Array, visible: Tensor) -> tuple[Tensor, Tensor]:
+        """Radiance (L, 3, N) of the texels under each of L distant lights of unit irradiance, and what goes into the
+        ReLU of Eq. 7.
+
+        directions (L, 3) are unit vectors to the lights, visible (L, N) says which reach the texels. Directions go
+        in in the texels' own frames: the released code turns them into those of its primitives, which lie on the
+        surface alike.
+        """
+        towards = torch.tensor(directions, dtype=torch.float32)
+        light = torch.einsum("ijn,lj->lin", seen.frames, towards)
+        flat = torch.cat([seen.view.expand_as(light), light, visible[:, None].float()], dim=1)
+        inputs = seen.atlas.dilate(seen.atlas.scatter(flat)).to(self.exposure.device)
+        pose = seen.joints.reshape(1, -1).to(self.exposure.device)
+        maps = self.decoder(inputs.contiguous(memory_format=torch.channels_last), pose)
+        texture, shadow = (seen.atlas.gather(raw.cpu()) for raw in maps)
+        colour, cut = coloured(texture, shadow, self.config.bias)
+        return colour * (self.exposure.cpu() / 255.0), cut
+
+
+def lit(responses: Tensor, irradiance: Array) -> Tensor:
+    """Radiance (3, N) under lights of irradiance (L, 3), from what the hand answers to each alone (L, 3, N)."""
+    return torch.einsum("lcn,lc->cn", responses, torch.tensor(irradiance, dtype=responses.dtype))

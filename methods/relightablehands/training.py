@@ -1,0 +1,81 @@
+"""Training of RelightableHands on one subject: pictures under random exact combinations of stage lights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from handbench.device import device
+from handbench.errors import Unsupported
+from handbench.method import Progress, Recording, silent
+
+from ..nets.engine import Player, fit, light_weights
+from ..nets.perceptual import perceptual_loss
+from ..picture import display
+from ..views import View, views
+from .config import Config
+from .model import RelightableHandsModel, Seen, lit
+
+_BRIGHT = 0.99  # the share of the hand's values that are darker than 128 of 255
+
+
+def train(config: Config, recording: Recording, seed: int = 0, progress: Progress = silent) -> RelightableHandsModel:
+    """The model of the recording's one subject.
+
+    Raises `Unsupported` for a recording without single-light frames, `NonFinite` as soon as a step's loss or gradient
+    is not finite.
+    """
+    seen = views(recording, config.texture, method="relightablehands")
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        model = RelightableHandsModel(config, len(seen[0].joints), exposure(seen)).to(device())
+    player = Player("decoder", model, Lesson(model, seen).losses)
+    fit(f"relightablehands-{seen[0].subject}", [player], len(seen), config.budget, seed, progress)
+    return model.eval()
+
+
+def exposure(seen: list[View]) -> float:
+    """Twice the radiance that the brightest hundredth of the hand has under a single light of unit irradiance.
+
+    So 255 of Eq. 7 has room for highlights, whatever units a capture's lights and cameras have. `Unsupported` if all
+    pictures are black.
+    """
+    bright = []
+    for view in seen:
+        irradiance = torch.from_numpy(view.lights.irradiance.mean(axis=1)).float()
+        covered = torch.from_numpy(view.raster.alpha[view.box] > 0.5)
+        values = (view.images.float().mean(dim=1) / irradiance[:, None, None])[:, covered]
+        bright.append(np.quantile(values.numpy(), _BRIGHT))
+    found = 2.0 * float(np.mean(bright))
+    if not found > 0.0:
+        raise Unsupported("relightablehands trains on single-light frames, and all of them are black")
+    return found
+
+
+class Lesson:
+    """The losses of the model on the views of a subject."""
+
+    def __init__(self, model: RelightableHandsModel, seen: list[View]) -> None:
+        self.model, self.views = model, seen
+        self._seen = [Seen.of(view.posed, view.centre, view.joints.numpy()) for view in seen]
+
+    def losses(self, sample: int, rng: np.random.Generator) -> Mapping[str, Tensor]:
+        """L2, perceptual and negative-colour loss on one view under a random combination of its lights.
+
+        Pictures are compared as displayed (sRGB), as the metrics do.
+        """
+        config, view = self.model.config, self.views[sample]
+        lights, visible, truth = view.lit_by(light_weights(len(view.images), config.lights, rng))
+        assert visible is not None  # views are made with shadows
+        responses, cut = self.model.responses(self._seen[sample], lights.directions, visible)
+        drawn, target = display(view.draw(lit(responses, lights.irradiance))), display(truth)
+        terms = {
+            "l2": (drawn - target).square().sum() / (3 * view.covered),
+            "negative": config.negative * (cut / 255.0).clamp_max(0.0).square().mean(),
+        }
+        if config.perceptual:
+            terms["perceptual"] = config.perceptual * perceptual_loss(drawn[None], target)[0]
+        return terms

@@ -1,0 +1,64 @@
+"""What the networks are told of the light: shading features, or an environment map.
+
+A lighting is (D, C, N) at the covered texels for shading features: D differently coloured lights (one if the light
+is white, else one a colour channel, each of which answers for its own channel of the picture: supp. Eqs. 1-2 have a
+scalar L_i), C the diffuse and the specular feature.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from handbench.errors import Unsupported
+from handbench.light.environment import solid_angles
+from handbench.light.lightset import LightSet
+from handbench.render.posed import PosedSurface
+from handbench.render.shading import light_features
+from handbench.scene import Array
+
+from .config import Config
+from .released import released_features
+
+
+def features(
+    config: Config,
+    normal: Tensor,
+    roughness: Tensor,
+    posed: PosedSurface,
+    centre: Array,
+    lights: LightSet,
+    visible: Tensor | None,
+) -> Tensor:
+    """Diffuse and specular shading features, (6, N) (supp. Eqs. 1-2 or what an ablation puts in their place)."""
+    if config.shading == "released":
+        diffuse, specular = released_features(normal, posed.position, roughness, centre, lights, visible)
+    else:
+        model = config.shading if config.specular else "diffuse"
+        diffuse, specular = light_features(normal, posed.position, roughness, centre, lights, visible, model)
+    return torch.cat([diffuse, specular])
+
+
+def power(lights: LightSet, visible: Tensor | None = None) -> Tensor:
+    """Mean power of the distant lights over the colours: a number, or (N) what of it reaches each texel."""
+    mean = torch.as_tensor(np.asarray(lights.irradiance).mean(axis=1), dtype=torch.float32)
+    if visible is None:
+        return mean.sum()
+    return mean @ visible[: len(mean)].to(mean.dtype)
+
+
+def environment_map(lights: LightSet, size: tuple[int, int]) -> Tensor:
+    """Distant lights as an environment map (3, H, W) of mean radiance: each falls into the texel it lies in.
+
+    Raises `Unsupported` for near lights, which no map holds.
+    """
+    if len(lights.positions):
+        raise Unsupported("an environment map cannot hold near lights")
+    height, width = size
+    x, y, z = np.asarray(lights.directions, dtype=np.float64).T
+    row = np.floor(np.arccos(np.clip(y, -1.0, 1.0)) / np.pi * height).astype(int).clip(0, height - 1)
+    column = np.floor(np.arctan2(x, -z) / (2.0 * np.pi) % 1.0 * width).astype(int).clip(0, width - 1)
+    radiance = np.zeros((height, width, 3))
+    np.add.at(radiance, (row, column), np.asarray(lights.irradiance) / solid_angles(height, width)[row, column, None])
+    return torch.from_numpy(radiance.transpose(2, 0, 1)).float()
