@@ -38,12 +38,13 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     from .bench.run import find_protocol, run
+    from .device import on_device
 
     protocol = find_protocol(arguments.protocol)
     command = ["handbench", *sys.argv[1:]]
-    outcome = run(
-        protocol, arguments.methods, arguments.seeds, arguments.preset, arguments.out, arguments.data, command
-    )
+    chosen = (arguments.methods, arguments.seeds, arguments.preset, arguments.out, arguments.data)
+    with on_device(arguments.device):
+        outcome = run(protocol, *chosen, command)
     reports = importlib.import_module("handbench.reports")
     files = reports.write_reports(outcome.folder)
     _show(reports.render_terminal(reports.table(outcome.folder)))
@@ -130,6 +131,35 @@ def _check(arguments: argparse.Namespace) -> int:
     return 1 if any(verdict.holds is False for verdict in verdicts) else 0
 
 
+def _stress(arguments: argparse.Namespace) -> int:
+    from .bench.stress.record import render
+    from .bench.stress.run import chosen_cases, stress
+
+    if arguments.list:
+        for case in chosen_cases(arguments.methods, arguments.only):
+            print(f"{case.id}  {case.expected.text}")
+        return 0
+    done = stress(arguments.out, arguments.methods, arguments.only, ["handbench", *sys.argv[1:]])
+    _show(render(done.results, done.seconds))
+    print(f"all cases: {done.path}")
+    return 0 if done.passed else 1
+
+
+def _speed(arguments: argparse.Namespace) -> int:
+    from .bench.progress import steps
+    from .bench.speed.study import study, write
+
+    with steps() as told:
+        found = study(arguments.methods, arguments.quick, ["handbench", *sys.argv[1:]], told)
+    path = write(arguments.out, found)
+    reports = importlib.import_module("handbench.reports.speed")
+    page = reports.write_speed_report(arguments.out)
+    _show(reports.render_speed(found))
+    print(f"raw repeats: {path}")
+    print(f"report: {page}")
+    return 0
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="handbench", description="Benchmark hand-relighting methods.")
     parser.add_argument("--version", action="version", version=f"handbench {__version__}")
@@ -142,6 +172,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--preset", metavar="NAME", help="one preset for all methods")
     run.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: runs/PROTOCOL)")
     run.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
+    run.add_argument("--device", default="cpu", help="where networks run: cpu (default), cuda, cuda:1, …")
     run.set_defaults(verb=_run)
 
     lists = verbs.add_parser("list", help="what can be named: protocols, methods, metrics, captures")
@@ -170,6 +201,19 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("--preset", metavar="NAME")
     check.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
     check.set_defaults(verb=_check)
+
+    stress = verbs.add_parser("stress", help="try hard cases on the core and every method")
+    stress.add_argument("--only", metavar="GLOB", help="the cases whose FAMILY/NAME fits, e.g. 'shading/*'")
+    stress.add_argument("--methods", type=_names, metavar="A,B", help="instead of all registered methods")
+    stress.add_argument("--out", type=Path, default=Path("runs/stress"), metavar="DIR", help="default: runs/stress")
+    stress.add_argument("--list", action="store_true", help="list the cases and what is expected, try none")
+    stress.set_defaults(verb=_stress)
+
+    speed = verbs.add_parser("speed", help="error against time of the lighting core, its rivals and every method")
+    speed.add_argument("--methods", type=_names, metavar="A,B", help="instead of all registered methods")
+    speed.add_argument("--quick", action="store_true", help="one scene and fewer settings, about a minute")
+    speed.add_argument("--out", type=Path, default=Path("runs/speed"), metavar="DIR", help="default: runs/speed")
+    speed.set_defaults(verb=_speed)
     return parser
 
 

@@ -19,8 +19,16 @@ Values: TypeAlias = Mapping[int, Mapping[str, Sequence[float]]]
 
 def aggregate(values: Values) -> float:
     """The mean over seeds of the mean over subjects of the mean over a subject's queries."""
-    by_seed = [np.mean([np.mean(of_subject) for of_subject in subjects.values()]) for subjects in values.values()]
-    return float(np.mean(by_seed))
+    return float(np.mean(_by_seed(values)))
+
+
+def seed_spread(values: Values) -> float | None:
+    """The standard deviation over seeds of the means of single seeds, or None with fewer than two seeds."""
+    return float(np.std(_by_seed(values), ddof=1)) if len(values) > 1 else None
+
+
+def _by_seed(values: Values) -> list[float]:
+    return [float(np.mean([np.mean(of_subject) for of_subject in subjects.values()])) for subjects in values.values()]
 
 
 def interval(values: Values, seed: int) -> tuple[float, float] | None:

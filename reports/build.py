@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-import zlib
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from .aggregate import aggregate, interval
+from .aggregate import aggregate, interval, seed_spread
+from .agreement import agreements
 from .model import Cell, Column, Group, Kind, Metric, Row, Span, Table, Times
 from .run import Run, read_run
 
@@ -34,8 +35,38 @@ def build(run: Run) -> Table:
     }
     reasons: dict[str, int] = {}
     rows = tuple(_row(run, info, columns, owed, reasons) for info in run.plan["methods"])
+    rows += tuple(_published(told, columns, len(protocol["metrics"])) for told in protocol.get("published", ()))
     title = f"{protocol['title']} ({protocol['name']}@{protocol['version']})"
-    return _ranked(Table(title, columns, rows, tuple(reasons)))
+    order = tuple(agreements(run, columns, rows))
+    return _ranked(Table(title, columns, rows, tuple(reasons), tuple(_remarks(protocol)), order))
+
+
+def _published(told: dict[str, Any], columns: tuple[Column, ...], metrics: int) -> Row:
+    """A paper's row; a run tells its values by column, in the order of the metrics."""
+    cells = []
+    for index, column in enumerate(columns):
+        values = told["values"].get(column.group.name, [None] * metrics)
+        cells.append(Cell(values[index % metrics], None, None, 0, 0))
+    return Row(
+        name=told["method"],
+        title=told["title"],
+        kind="published",
+        fidelity=told["source"],
+        cells=tuple(cells),
+        times=Times(None, None, None, None),
+        marker=told["marker"],
+    )
+
+
+def _remarks(protocol: dict[str, Any]) -> Iterator[str]:
+    if rows := protocol.get("published"):
+        yield (
+            "Published rows hold what their authors measured on their own data, with metric settings they did not "
+            "publish: not comparable with measured values, so not ranked with them."
+        )
+        if protocol["published_note"]:
+            yield protocol["published_note"]
+        yield from dict.fromkeys(f"{row['marker'] or 'Published'}: {row['source']}." for row in rows)
 
 
 def _row(
@@ -54,7 +85,10 @@ def _row(
         _aggregate(column, scores[column.group.name, column.metric.signature], owed[column.group.name], reasons)
         for column in columns
     )
-    return Row(info["name"], info["title"], _kind(info), info["fidelity"], aggregates, _times(cells))
+    laws = [cell["laws"]["linearity"] for cell in cells if cell.get("laws")]
+    worst = max((value for value in laws if value is not None), default=None)
+    times = _times(cells)
+    return Row(info["name"], info["title"], _kind(info), info["fidelity"], aggregates, times, nonlinearity=worst)
 
 
 def _kind(info: dict[str, Any]) -> Kind:
@@ -83,9 +117,10 @@ def _aggregate(
     covered = sum(len(queries) for subjects in values.values() for queries in subjects.values())
     if not covered:
         return Cell(None, None, None, 0, len(owed), notes=tuple(sorted(notes)))
-    draws = zlib.crc32(f"{column.group.name}|{column.metric.signature}".encode())
-    low, high = interval(values, draws) or (None, None)
-    return Cell(aggregate(values), low, high, covered, len(owed), notes=tuple(sorted(notes)))
+    low, high = interval(values, column.draws) or (None, None)
+    return Cell(
+        aggregate(values), low, high, covered, len(owed), notes=tuple(sorted(notes)), spread=seed_spread(values)
+    )
 
 
 def _note(reason: str, reasons: dict[str, int]) -> int:

@@ -27,6 +27,7 @@ SPECIAL = {
     "≤": r"$\leq$",
     "−": r"$-$",
     "∞": r"$\infty$",
+    "τ": r"$\tau$",
     "†": r"\textdagger{}",
     "–": "--",
     "…": r"\ldots{}",
@@ -36,11 +37,13 @@ SPECIAL = {
 def render_latex(table: Table) -> str:
     """A `table` float for the booktabs package, folded at column groups to the width of a plain article.
 
-    Best values are bold, second best underlined; calibration rows come after a rule.
+    Best values are bold, second best underlined; calibration and published rows each come after a rule.
     """
     blocks = "\n\n  \\medskip\n".join(_tabular(table, groups) for groups in _folded(table))
     notes = [f"\\textsuperscript{{{letter(i)}}}\\,{_escape(note)}." for i, note in enumerate(table.footnotes, start=1)]
-    caption = f"{_escape(table.title)}. Best in bold, second best underlined; below the rule, calibration."
+    notes += [_escape(remark) for remark in table.remarks]
+    below = "calibration and published values" if table.remarks else "calibration"
+    caption = f"{_escape(table.title)}. Best in bold, second best underlined; below the rule, {below}."
     lines = [
         r"% needs \usepackage{booktabs}",
         *(f"% {metric.title}: {metric.signature}" for metric in table.metrics),
@@ -65,8 +68,8 @@ def _tabular(table: Table, groups: tuple[Group, ...]) -> str:
     for span in spans:
         rules.append(f"\\cmidrule(lr){{{start}-{start + len(span) - 1}}}")
         start += len(span)
-    measured = [row for row in table.rows if row.kind == "method"]
-    others = [row for row in table.rows if row.kind != "method"]
+    kinds = [[row for row in table.rows if row.kind == kind] for kind in ("method", "calibration", "published")]
+    blocks = ["\n".join(_row(row, table, indices) for row in rows) for rows in kinds if rows]
     lines = [
         f"  \\begin{{tabular}}{{l{'r' * len(indices)}}}",
         r"    \toprule",
@@ -74,9 +77,7 @@ def _tabular(table: Table, groups: tuple[Group, ...]) -> str:
         f"    {' '.join(rules)}",
         f"    Method & {' & '.join(_head(table.columns[index]) for index in indices)} \\\\",
         r"    \midrule",
-        *(_row(row, table, indices) for row in measured),
-        *([r"    \midrule"] if measured and others else []),
-        *(_row(row, table, indices) for row in others),
+        "\n    \\midrule\n".join(blocks),
         r"    \bottomrule",
         r"  \end{tabular}",
     ]
@@ -104,7 +105,7 @@ def _head(column: Column) -> str:
 
 
 def _row(row: Row, table: Table, indices: list[int]) -> str:
-    title = _escape(row.title) + (r"\textdagger{}" if row.kind == "published" else "")
+    title = _escape(row.title + (row.suffix if row.kind == "published" else ""))
     cells = [_cell(row.cells[index], table.columns[index]) for index in indices]
     return f"    {title} & {' & '.join(cells)} \\\\"
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import zlib
 from dataclasses import dataclass
 from typing import Literal
 
-TIME_TITLES = ("train s", "personalise s", "new pose ms", "known pose ms", "min–max")
+COST_TITLES = ("train s", "personalise s", "new pose ms", "known pose ms", "min–max", "non-linearity")
 Kind = Literal["method", "calibration", "published"]
 
 
@@ -40,11 +41,18 @@ class Column:
     group: Group
     metric: Metric
 
+    @property
+    def draws(self) -> int:
+        """The seed of the column's bootstrap: every method gets the same draws."""
+        return zlib.crc32(f"{self.group.name}|{self.metric.signature}".encode())
+
 
 @dataclass(frozen=True)
 class Cell:
     """One aggregate: `covered` of `expected` values are finite, and `value` is made of those alone.
 
+    A published value has neither count, interval nor rank.
+    spread      standard deviation of the values of single seeds; None with fewer than two seeds
     low, high   95 % interval; None with fewer than two frames
     rank        1 best, 2 second, 0 neither; never set with incomplete coverage
     notes       numbers (from 1) of the table's footnotes that say why values are missing
@@ -57,10 +65,11 @@ class Cell:
     expected: int
     rank: int = 0
     notes: tuple[int, ...] = ()
+    spread: float | None = None
 
     @property
     def complete(self) -> bool:
-        return self.expected > 0 and self.covered == self.expected
+        return self.covered == self.expected
 
 
 @dataclass(frozen=True)
@@ -88,7 +97,11 @@ class Times:
 
 @dataclass(frozen=True)
 class Row:
-    """A method's line. Only kind "method" can be best: calibration and published rows are there for comparison."""
+    """A method's line. Only kind "method" can be best: calibration and published rows are there for comparison.
+
+    marker          how a paper marks the row, "" if not
+    nonlinearity    greatest deviation from linearity in light (`handbench.bench.laws`) in any cell; None if unknown
+    """
 
     name: str
     title: str
@@ -96,16 +109,79 @@ class Row:
     fidelity: str
     cells: tuple[Cell, ...]
     times: Times
+    marker: str = ""
+    nonlinearity: float | None = None
+
+    @property
+    def suffix(self) -> str:
+        """What tells in text that a row is no measured method."""
+        if self.kind == "published":
+            return f"{' ' * bool(self.marker)}{self.marker} (published)"
+        return " *" if self.kind == "calibration" else ""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two methods whose order a paper published, named in that order, and their order here.
+
+    Differences are how far `first` is ahead of `second`, whichever way the metric is better; low and high are the
+    95 % interval of the measured one over subjects and frames, paired by frame and seed, None with fewer than two
+    frames; spread is its standard deviation over seeds, None with fewer than two.
+    """
+
+    first: str
+    second: str
+    published: float
+    measured: float
+    low: float | None
+    high: float | None
+    spread: float | None
+
+    @property
+    def inverted(self) -> bool:
+        """A tie on either side is no inversion."""
+        return self.published > 0 > self.measured
+
+    @property
+    def separated(self) -> bool:
+        """Whether the measured difference is told from none."""
+        return self.low is not None and self.high is not None and (self.low > 0 or self.high < 0)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How a column's order of methods agrees with the published one: Kendall's tau-b, None if either side all ties."""
+
+    column: Column
+    methods: tuple[str, ...]
+    tau: float | None
+    pairs: tuple[Pair, ...]
+
+    @property
+    def inversions(self) -> tuple[Pair, ...]:
+        return tuple(pair for pair in self.pairs if pair.inverted)
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of methods over columns (group by group); `row.cells` are in the order of `columns`."""
+    """Rows of methods over columns (group by group); `row.cells` are in the order of `columns`.
+
+    footnotes     why values are missing, by the numbers in `Cell.notes`
+    remarks       what must be known of published rows
+    agreements    one for each column whose order is published
+    """
 
     title: str
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     footnotes: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
+    agreements: tuple[Agreement, ...] = ()
+
+    @property
+    def computed(self) -> tuple[Row, ...]:
+        """The rows that this run made."""
+        return tuple(row for row in self.rows if row.kind != "published")
 
     @property
     def groups(self) -> tuple[Group, ...]:
@@ -150,8 +226,17 @@ def letter(note: int) -> str:
     return (letter(head) if head else "") + chr(ord("a") + tail)
 
 
-def time_texts(times: Times) -> tuple[str, ...]:
-    """Times as text in the order of `TIME_TITLES`."""
+def cost_texts(row: Row) -> tuple[str, ...]:
+    """Times and deviation from linearity as text in the order of `COST_TITLES`."""
+    times = row.times
     known = times.relight_ms
     spread = f"{three_digits(known.low)}–{three_digits(known.high)}" if known else "–"
-    return (*map(duration, (times.train_s, times.personalise_s, times.first_ms, known)), spread)
+    seconds = map(duration, (times.train_s, times.personalise_s, times.first_ms, known))
+    return (*seconds, spread, scientific(row.nonlinearity))
+
+
+def scientific(value: float | None) -> str:
+    """A ratio as text: "2.1e-07", "0" for zero, "–" for none."""
+    if value is None:
+        return "–"
+    return f"{value:.1e}" if value else "0"

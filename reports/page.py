@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import groupby
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from handbench.bench.laws import LINEAR
+
 from .aggregate import RESAMPLES
+from .agreement import headline, sentence
 from .figures import ERROR_SCALE, KIND_TITLES, Panel
-from .model import Cell, Column, Span, Table, duration, letter, marks, number, three_digits
-from .pictures import colour_stops, error_uri, image_uri
-from .run import Run
+from .model import Cell, Column, Span, Table, duration, letter, marks, number, scientific, three_digits
+from .pictures import colour_stops, error_uri, image_uri, png_uri
+from .run import Run, machine
+from .speed import speed_section
+from .stress import stress_section
 
 
-def render_page(table: Table, run: Run, panels: Iterable[Panel]) -> str:
-    """The HTML text of a run's table and panels. It holds no date, so the same run gives the same page."""
+def render_page(table: Table, run: Run, panels: Iterable[Panel], losses: Iterable[tuple[str, str, bytes]] = ()) -> str:
+    """The HTML text of a run's table, panels and loss curves: (method, title, PNG). It holds no date, so the same run
+    gives the same page."""
     page = Environment(
         loader=PackageLoader("handbench.reports"),
         autoescape=True,
@@ -30,10 +35,12 @@ def render_page(table: Table, run: Run, panels: Iterable[Panel]) -> str:
         duration=duration,
         letter=letter,
         number=number,
+        png_uri=png_uri,
+        scientific=scientific,
         span=_span,
         seconds=_seconds,
     )
-    page.globals.update(marks=marks, cell_text=_cell_text, interval=_interval)
+    page.globals.update(marks=marks, cell_text=_cell_text, interval=_interval, headline=headline, sentence=sentence)
     return page.get_template("page.html").render(
         table=table,
         plan=run.plan,
@@ -44,8 +51,12 @@ def render_page(table: Table, run: Run, panels: Iterable[Panel]) -> str:
         colour_stops=colour_stops(),
         error_scale=ERROR_SCALE,
         first_metric=table.metrics[0],
+        skipped=_skipped(table, run),
+        losses=tuple(losses),
+        studies=[section for section in (speed_section(run.folder), stress_section(run.folder)) if section],
+        linear_limit=LINEAR,
         resamples=RESAMPLES,
-        machine=_machine(run.plan["provenance"]),
+        machine=machine(run.plan["provenance"]),
     )
 
 
@@ -54,14 +65,47 @@ def _checks(table: Table, run: Run) -> list[tuple[bool, str]]:
     planned, finished = len(run.plan["cells"]), len(run.cells)
     gaps = sum(not cell.complete for row in table.rows for cell in row.cells)
     unequal = dict.fromkeys(cell["method"]["title"] for cell in run.cells if cell["same_pixels"] is False)
+    linear = {info["name"] for info in run.plan["methods"] if info.get("linear")}
+    bent = [row.title for row in table.rows if row.name in linear and (row.nonlinearity or 0.0) > LINEAR]
     git = run.plan["provenance"]["git"]
     origin = "source code had uncommitted changes" if git and git["dirty"] else "source code as committed"
     return [
         (finished == planned, f"{finished} of {planned} cells computed"),
         (gaps == 0, "every value covers all frames" if gaps == 0 else f"{gaps} values miss frames, see the notes"),
+        *([(False, f"declared linear in light, but not: {', '.join(bent)}")] if bent else []),
         *([(False, f"timed and scored images of {', '.join(unequal)} differ")] if unequal else []),
         (git is not None and not git["dirty"], origin if git else "installed copy, commit unknown"),
     ]
+
+
+def _skipped(table: Table, run: Run) -> list[tuple[str, str]]:
+    """For each measured method what its cells left out: "shadow rays 71 % of 12 million, …"; runs may have none."""
+    lines = []
+    for row in table.computed:
+        sums: dict[str, list[int]] = {}
+        for cell in run.of_method(row.name):
+            for what, saved in cell.get("skipped", {}).items():
+                totals = sums.setdefault(what, [0, 0])
+                totals[0] += saved["total"]
+                totals[1] += saved["skipped"]
+        parts = [f"{what} {_share(*totals)} of {_count(totals[0])}" for what, totals in sums.items() if totals[1]]
+        if parts:
+            lines.append((row.title, ", ".join(parts)))
+    return lines
+
+
+def _share(total: int, skipped: int) -> str:
+    percent = 100.0 * skipped / total
+    return f"{percent:.0f} %" if percent >= 1.0 else "under 1 %"
+
+
+def _count(value: int) -> str:
+    """A count for reading: "512", "84 thousand", "1.2 million"."""
+    for size, name in ((1e9, " billion"), (1e6, " million"), (1e3, " thousand")):
+        if value >= size:
+            scaled = value / size
+            return f"{scaled:.1f}{name}" if scaled < 10 else f"{scaled:.0f}{name}"
+    return str(value)
 
 
 def _cell_text(cell: Cell, column: Column) -> str:
@@ -83,11 +127,3 @@ def _span(span: Span | None) -> str:
 def _seconds(span: Span | None) -> str:
     """The value a table is sorted by; nothing where there is none."""
     return repr(span.median) if span else ""
-
-
-def _machine(provenance: dict[str, Any]) -> str:
-    """The device in one line: "AMD EPYC 7B13, 2 cores, 2 threads, 24 GB"."""
-    device = provenance["device"]
-    parts = [device["cpu"], f"{device['cores']} cores", f"{device['threads']} threads"]
-    memory = [f"{device['memory_gb']:.0f} GB"] if device["memory_gb"] else []
-    return ", ".join([*parts, *memory, *device["gpus"]])

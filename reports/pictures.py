@@ -43,7 +43,12 @@ def error_uri(error: Array) -> str:
     picture.putpalette((COLOURS(np.arange(256))[:, :3] * 255).astype(np.uint8).tobytes())
     out = io.BytesIO()
     picture.save(out, "PNG", optimize=True)
-    return "data:image/png;base64," + base64.b64encode(out.getvalue()).decode()
+    return png_uri(out.getvalue())
+
+
+def png_uri(content: bytes) -> str:
+    """A PNG file as a data address."""
+    return "data:image/png;base64," + base64.b64encode(content).decode()
 
 
 def colour_stops() -> str:

@@ -35,3 +35,11 @@ def read_plan(folder: Path) -> dict[str, Any]:
     if plan is None:
         raise InputError(f"{folder} holds no readable run.json; give the folder that 'handbench run' printed")
     return plan
+
+
+def machine(provenance: dict[str, Any]) -> str:
+    """The device in one line: "AMD EPYC 7B13, 2 cores, 2 threads, 24 GB"."""
+    device = provenance["device"]
+    parts = [device["cpu"], f"{device['cores']} cores", f"{device['threads']} threads"]
+    memory = [f"{device['memory_gb']:.0f} GB"] if device["memory_gb"] else []
+    return ", ".join([*parts, *memory, *device["gpus"]])

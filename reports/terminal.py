@@ -2,28 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from rich.console import Group as Lines
 from rich.console import RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from .model import TIME_TITLES, Cell, Column, Group, Row, Table, letter, marks, number, time_texts
+from .agreement import headline, sentence
+from .model import COST_TITLES, Cell, Column, Group, Row, Table, cost_texts, letter, marks, number
 
 STYLES = {0: "", 1: "bold green", 2: "underline"}
-MARKS = {"method": "", "calibration": " *", "published": " †"}
 
 
 def render_terminal(table: Table) -> RenderableType:
     """A rich renderable: print it with a `rich.console.Console`."""
     notes = [Text(f"{letter(index)}  {note}") for index, note in enumerate(table.footnotes, start=1)]
-    legend = Text("bold: best, underlined: second; calibration rows (*) and incomplete columns cannot win", style="dim")
+    legend = "bold: best, underlined: second; calibration (*), published rows and values that miss frames cannot win"
+    remarks = [Text(text, style="dim") for text in (*table.remarks, legend)]
     grids = [_grid(table, group) for group in table.groups]
-    return Lines(Text(table.title, style="bold"), *grids, _times(table), *notes, legend)
+    return Lines(Text(table.title, style="bold"), *grids, _costs(table), *_agreements(table), *notes, *remarks)
+
+
+def _agreements(table: Table) -> Iterator[Text]:
+    if table.agreements:
+        yield Text("Order of methods beside the published one", style="bold")
+    for agreement in table.agreements:
+        yield Text(headline(agreement))
+        for pair in agreement.inversions:
+            yield Text(f"  {sentence(pair, agreement.column)}")
 
 
 def _grid(table: Table, group: Group) -> RichTable:
     indices = table.of_group(group)
-    grid = _empty(group.title, table)
+    grid = _empty(group.title, table.rows)
     for index in indices:
         metric = table.columns[index].metric
         grid.add_column(f"{metric.title} {metric.arrow}", justify="right", overflow="fold")
@@ -32,26 +44,26 @@ def _grid(table: Table, group: Group) -> RichTable:
     return grid
 
 
-def _times(table: Table) -> RichTable:
-    grid = _empty("Time", table)
-    for title in TIME_TITLES:
-        grid.add_column(title, justify="right", overflow="fold")
-    for row in table.rows:
-        grid.add_row(_name(row), *time_texts(row.times))
+def _costs(table: Table) -> RichTable:
+    grid = _empty("Time and linearity in light", table.computed)
+    for title in COST_TITLES:
+        grid.add_column(title.replace(" ", "\n").replace("non-", "non-\n"), justify="right", overflow="fold")
+    for row in table.computed:
+        grid.add_row(_name(row), *cost_texts(row))
     return grid
 
 
-def _empty(title: str, table: Table) -> RichTable:
-    """A grid whose first column holds the methods, equally wide in every grid of a table."""
+def _empty(title: str, rows: tuple[Row, ...]) -> RichTable:
+    """A grid whose first column holds the rows' names, wide enough for all of them."""
     grid = RichTable(
         title=title, title_justify="left", title_style="bold", header_style="dim", box=None, padding=(0, 2, 0, 0)
     )
-    grid.add_column("", no_wrap=True, min_width=max((len(_name(row)) for row in table.rows), default=0))
+    grid.add_column("", no_wrap=True, min_width=max((len(_name(row)) for row in rows), default=0))
     return grid
 
 
 def _name(row: Row) -> Text:
-    return Text(row.title + MARKS[row.kind])
+    return Text(row.title + row.suffix)
 
 
 def _cell(cell: Cell, column: Column) -> Text:

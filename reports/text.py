@@ -6,15 +6,20 @@ import csv
 import io
 from collections.abc import Iterator
 
-from .model import TIME_TITLES, Cell, Column, Row, Table, letter, marks, number, time_texts
+from .agreement import headline, sentence
+from .model import COST_TITLES, Cell, Column, Row, Table, cost_texts, letter, marks, number
 
 CSV_METHOD = ("method", "title", "kind", "fidelity")
 CSV_METRIC = ("column", "metric", "signature", "unit", "higher_is_better")
-CSV_VALUE = ("value", "low", "high", "covered", "expected", "rank", "reasons")
+CSV_VALUE = ("value", "low", "high", "spread", "covered", "expected", "rank", "reasons")
 
 
 def render_csv(table: Table) -> str:
-    """One line a value, in full precision; times are lines with metric train_s, personalise_s, first_ms, relight_ms."""
+    """One line a value, in full precision.
+
+    Of a method alone are lines with the metrics train_s, personalise_s, first_ms, relight_ms and nonlinearity. Lines of
+    kind "agreement" hold Kendall's tau of a column, with its inversions as reasons.
+    """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow((*CSV_METHOD, *CSV_METRIC, *CSV_VALUE))
@@ -24,12 +29,21 @@ def render_csv(table: Table) -> str:
             metric = column.metric
             reasons = "; ".join(table.footnotes[note - 1] for note in cell.notes)
             about = (metric.name, metric.signature, metric.unit, metric.higher_is_better)
-            numbers = (cell.value, cell.low, cell.high, cell.covered, cell.expected, cell.rank or "", reasons)
+            counts = (cell.covered, cell.expected) if row.kind != "published" else ("", "")
+            numbers = (cell.value, cell.low, cell.high, cell.spread, *counts, cell.rank or "", reasons)
             writer.writerow((*head, column.group.name, *about, *numbers))
         for name, unit in (("train_s", "s"), ("personalise_s", "s"), ("first_ms", "ms"), ("relight_ms", "ms")):
             span = getattr(row.times, name)
             if span is not None:
-                writer.writerow((*head, "", name, "", unit, False, span.median, span.low, span.high, "", "", "", ""))
+                values = (span.median, span.low, span.high)
+                writer.writerow((*head, "", name, "", unit, False, *values, "", "", "", "", ""))
+        if row.nonlinearity is not None:
+            writer.writerow((*head, "", "nonlinearity", "", "", False, row.nonlinearity, *[""] * 7))
+    for agreement in table.agreements:
+        column = agreement.column
+        inverted = "; ".join(sentence(pair, column) for pair in agreement.inversions)
+        place = (column.group.name, column.metric.name, column.metric.signature, "", True)
+        writer.writerow(("", "", "agreement", "", *place, agreement.tau, *[""] * 6, inverted))
     return out.getvalue()
 
 
@@ -47,11 +61,18 @@ def _markdown(table: Table) -> Iterator[str]:
         yield from _pipes(["Method", *titles])
         for row in table.rows:
             yield _line([_title(row), *(_markdown_cell(row.cells[i], table.columns[i]) for i in indices)])
-    yield "\n## Time\n"
-    yield from _pipes(["Method", *TIME_TITLES])
-    for row in table.rows:
-        yield _line([_title(row), *time_texts(row.times)])
-    yield "\nBest in **bold**, second in *italics*; brackets hold the 95 % interval; rows with * are calibration."
+    yield "\n## Time and linearity in light\n"
+    yield from _pipes(["Method", *COST_TITLES])
+    for row in table.computed:
+        yield _line([_title(row), *cost_texts(row)])
+    if table.agreements:
+        yield "\n## Order of methods beside the published one\n"
+    for agreement in table.agreements:
+        yield f"- {_safe(headline(agreement))}"
+        yield from (f"  - {_safe(sentence(pair, agreement.column))}" for pair in agreement.inversions)
+    yield "\nBest in **bold**, second in *italics*; rows with \\* are calibration."
+    yield "Brackets hold the 95 % interval; after ± stands the standard deviation over seeds."
+    yield from (f"\n{_safe(remark)}" for remark in table.remarks)
     if table.footnotes:
         yield ""
     for index, note in enumerate(table.footnotes, start=1):
@@ -71,7 +92,7 @@ def _line(cells: list[str]) -> str:
 
 
 def _title(row: Row) -> str:
-    return _safe(row.title) + {"method": "", "calibration": " \\*", "published": " †"}[row.kind]
+    return _safe(row.title + row.suffix)
 
 
 def _markdown_cell(cell: Cell, column: Column) -> str:
@@ -80,6 +101,8 @@ def _markdown_cell(cell: Cell, column: Column) -> str:
     text = {0: value, 1: f"**{value}**", 2: f"*{value}*"}[cell.rank]
     if cell.low is not None:
         text += f" [{number(cell.low, decimals)}, {number(cell.high, decimals)}]"
+    if cell.spread is not None:
+        text += f" ± {number(cell.spread, decimals)}"
     if not cell.complete:
         text += f" ({cell.covered}/{cell.expected})"
     return text + (f" <sup>{marks(cell)}</sup>" if cell.notes else "")

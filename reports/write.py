@@ -11,6 +11,7 @@ from pathlib import Path
 import handbench
 from handbench.bench.store import writing
 
+from .agreement import as_json
 from .build import build
 from .latex import render_latex
 from .run import read_plan, read_run
@@ -21,6 +22,8 @@ STAMP = ".inputs"  # digest of what the reports were made from; written last
 
 def write_reports(run_folder: Path) -> dict[str, Path]:
     """Write `report/` in the run folder: index.html, table.tex, table.csv, table.md and figures/*.png.
+
+    A run with published orders of methods has agreement.json, with every pair of methods, as well.
 
     Returns the files by their path inside `report/`. When the run has not changed since the last call,
     nothing is computed. A file is replaced whole or not at all. Raises `InputError` for a folder without
@@ -38,20 +41,25 @@ def write_reports(run_folder: Path) -> dict[str, Path]:
 
 
 def _contents(run_folder: Path) -> dict[str, bytes]:
-    from .figures import panels  # imports matplotlib, which a cached report does without
+    from .curves import figures  # imports matplotlib, which a cached report does without
+    from .figures import panels
     from .page import render_page
     from .pictures import grid_png
 
     run = read_run(run_folder)
     table = build(run)
     shown = tuple(panels(run))
+    losses = tuple(figures(run))
     texts = {
-        "index.html": render_page(table, run, shown),
+        "index.html": render_page(table, run, shown, losses),
         "table.tex": render_latex(table),
         "table.csv": render_csv(table),
         "table.md": render_markdown(table),
     }
+    if table.agreements:
+        texts["agreement.json"] = json.dumps([as_json(each) for each in table.agreements], indent=1) + "\n"
     contents = {name: text.encode() for name, text in texts.items()}
+    contents |= {f"figures/losses-{name}.png": picture for name, _, picture in losses}
     for kind, of_kind in groupby(shown, key=lambda panel: panel.kind):
         contents[f"figures/{kind}.png"] = grid_png(tuple(of_kind), table.metrics[0])
     return contents
@@ -64,7 +72,8 @@ def _digest(run_folder: Path) -> str:
     digest = hashlib.sha256(json.dumps([handbench.__version__, plan], sort_keys=True).encode())
     here = Path(__file__).parent
     cells = (run_folder / "cells" / f"{key}.json" for key in plan["cells"])
-    for path in (*sorted(here.glob("*.py")), *sorted((here / "templates").iterdir()), *cells):
+    trainings = sorted((run_folder / "priors").glob("*/train.json"))
+    for path in (*sorted(here.glob("*.py")), *sorted((here / "templates").iterdir()), *cells, *trainings):
         digest.update(f"\0{path.name}\0".encode() + (path.read_bytes() if path.is_file() else b""))
     return digest.hexdigest()
 

@@ -36,7 +36,7 @@ def test_help_imports_nothing_heavy():
 def test_list_does_not_load_what_it_lists(capsys):
     assert main(["list"]) == 0
     out = capsys.readouterr().out
-    for word in ("quick", "urhand", "lpips-vgg", "openstage"):
+    for word in ("quick", "urhand-ablation-standard", "urhand", "lpips-vgg", "openstage"):
         assert word in out
     assert main(["list", "methods"]) == 0
     assert "psnr" not in capsys.readouterr().out
@@ -46,7 +46,10 @@ def test_list_does_not_load_what_it_lists(capsys):
     ("command", "message"),
     [
         (["run", "quik"], "handbench: unknown protocol 'quik'; did you mean 'quick'?\n"),
-        (["run", "smoke", "--methods", "urhnad"], "handbench: unknown method 'urhnad'; did you mean 'urhand'?\n"),
+        (
+            ["run", "smoke", "--methods", "urhnad"],
+            "handbench: unknown method 'urhnad'; did you mean 'urhand' or 'urhand-phong'?\n",
+        ),
         (["check", "ohy"], "handbench: unknown method 'ohy'; known: "),
         (["data", "make", "openstag"], "handbench: unknown capture 'openstag'; did you mean 'openstage'?\n"),
         (["run", "absent.toml"], "handbench: protocol file absent.toml cannot be read (No such file or directory)"),

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from statistics import median
 from types import ModuleType
 from typing import Any
@@ -15,9 +16,11 @@ from ..data.capture import Capture
 from ..errors import HandbenchError, StorageError, Unsupported
 from ..method import Avatar, Method, MethodInfo, Progress, Recording
 from ..scene import Directional, Frame, Light, Mesh, Observation, Point, Prediction, Query, leaves
+from ..skips import tallied
 from .failure import Failure, failure
+from .laws import measured
 from .plan import Cell
-from .priors import Priors
+from .priors import Curve, Priors
 from .protocol import Protocol, Selected
 from .store import Store
 
@@ -75,11 +78,23 @@ class Bench:
 
 
 def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Progress]) -> dict[str, Any]:
-    """Times, scores and failures of a cell as JSON values; its predictions are written to the store.
+    """Times, scores, failures, laws and skips of a cell as JSON values; its predictions are written to the store.
 
     Whatever the method raises becomes the reason of its scores. What is not its fault is raised: `StorageError`
     for the disk, `InputError` for a damaged capture.
     """
+    with tallied() as tally:
+        found, laws = _compute(bench, cell, method, steps)
+    start = time.perf_counter()
+    measures = {"laws": laws(), "skipped": {what: asdict(saved) for what, saved in tally.lines().items()}}
+    found["times"]["laws_s"] = time.perf_counter() - start
+    return {**found, **measures}
+
+
+def _compute(
+    bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Progress]
+) -> tuple[dict[str, Any], Callable[[], dict[str, Any]]]:
+    """All that is timed or tallied, and a function that measures the laws, which are neither."""
     scored = bench.scored(cell.subject)
     label = f"{cell.method} {cell.subject} seed {cell.seed}"
     times: dict[str, Any] = {
@@ -93,15 +108,19 @@ def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Pro
         training = steps(f"{cell.method} seed {cell.seed}: train")
         prior, times["train_s"] = bench.priors.get(cell.prior, method, bench.training, cell.seed, training)
         enrolment = bench.enrolment(cell.subject, method)
+        curve = Curve(steps(f"{label}: personalise"))
         start = time.perf_counter()
-        avatar = prior.personalise(enrolment, cell.seed)
-        times["personalise_s"] = time.perf_counter() - start
+        with bench.store.checkpoints(cell.key) as state:
+            avatar = prior.personalise(enrolment, cell.seed, curve)
+        times["personalise_s"] = time.perf_counter() - start + state.earlier_s
     except Exception as error:
         failed = blame(error, bench.reader)
         scores = [score for column, frame in scored for score in _missing(bench, column, frame, failed)]
-        return {"times": times, "scores": scores, "same_pixels": None, "predictions": None, "error": failed.trace}
+        told = {"times": times, "scores": scores, "same_pixels": None, "predictions": None, "error": failed.trace}
+        return told, dict
     asked = _Asked(bench.reader, method.info, avatar)
-    return _relight(bench, cell, asked, scored, times, steps(f"{label}: relight"))
+    result, laws = _relight(bench, cell, asked, scored, times, steps(f"{label}: relight"))
+    return {**result, "curve": curve.points()}, laws
 
 
 @dataclass(frozen=True)
@@ -139,7 +158,7 @@ def light_refusal(info: MethodInfo, light: Light) -> str | None:
 
 def _relight(
     bench: Bench, cell: Cell, asked: _Asked, scored: list[tuple[str, Frame]], times: dict[str, Any], progress: Progress
-) -> dict[str, Any]:
+) -> tuple[dict[str, Any], Callable[[], dict[str, Any]]]:
     """Draw and score in chunks. The picture that is timed first is the one that is scored."""
     frames = list({frame.key: frame for _, frame in scored}.values())
     repeated = {frames[i].key for i in np.linspace(0, len(frames) - 1, min(_REPEATS, len(frames))).round().astype(int)}
@@ -180,7 +199,10 @@ def _relight(
                 kept = bench.store.write_prediction(cell.key, frame.key, prediction)
     times |= {"first_ms": _spread(first), "relight_ms": _spread(again)}
     flat = [{**score, "column": column} for column, frame in scored for score in scores[frame.key]]
-    return {"times": times, "scores": flat, "same_pixels": same, "predictions": kept, "error": trace}
+    found = {"times": times, "scores": flat, "same_pixels": same, "predictions": kept, "error": trace}
+    if asked.info.truth or not drawable:
+        return found, dict
+    return found, partial(measured, asked.avatar, drawable, queries[-1])
 
 
 def _own_meshes(frames: list[Frame]) -> list[Query]:

@@ -6,7 +6,7 @@ import pickle
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
@@ -16,14 +16,13 @@ from ..data.capture import Capture
 from ..errors import HandbenchError, NonFinite, Unsupported
 from ..method import Avatar, Method, Prior, Recording
 from ..registry import CAPTURES, METHODS
-from ..scene import Array, Frame, Group, Observation, Prediction, Query
+from ..scene import Frame, Observation, Prediction, Query
 from .cell import CaptureReader, blame, light_refusal
+from .laws import LINEAR, deviation, deviations, drawing
 from .progress import steps
 from .protocol import Protocol, Selected, resolve
 
 SAME = 1e-6  # largest deviation, relative to the brightest pixel, of answers that must be the same
-LINEAR = 1e-4  # the same for the linear law: what float32 sums in another order may leave
-
 
 _Answer: TypeAlias = Prediction | HandbenchError
 
@@ -91,6 +90,16 @@ class _Watched:
         return [key for key, (observation, before) in self._given.items() if pickle.dumps(observation) != before]
 
 
+class _Refused(Avatar):
+    """Stands for a subject that a method cannot personalise to: every query is answered by the reason."""
+
+    def __init__(self, reason: Unsupported) -> None:
+        self._reason = reason
+
+    def relight(self, query: Query) -> Prediction:
+        raise self._reason
+
+
 class _Trial:
     """A trained method and its answers to the protocol's queries."""
 
@@ -116,7 +125,10 @@ class _Trial:
             frames = list(self.selected.enrol)
             frames += () if self.method.info.universal else self.selected.train
             frames += self.scored if self.method.info.truth else ()
-            avatars[subject] = prior.personalise(Recording(frames, self.watched).of_subject(subject), seed=0)
+            try:
+                avatars[subject] = prior.personalise(Recording(frames, self.watched).of_subject(subject), seed=0)
+            except Unsupported as reason:  # e.g. a subject without the frames that a per-identity method trains on
+                avatars[subject] = _Refused(reason)
         return avatars
 
     def _answers(self, avatars: dict[str, Avatar]) -> dict[str, _Answer]:
@@ -164,27 +176,18 @@ class _Trial:
         declared = self.method.info.linear
         if self.method.info.truth:
             return Verdict("linear", None, "the truth is recorded, it has no answer to other lights")
-        deviations = []
+        found = []
         asked = [query for query in self.queries if query.key in _pictures(self.answers)]
         for one, other in zip(asked, asked[1:] + asked[:1], strict=True):
             if one.subject == other.subject:
                 with suppress(Unsupported, NonFinite):  # a light of two kinds, or too bright
-                    deviations.append(self._nonlinearity(one, other, 0.7, 1.9))
-        if not deviations:
+                    found.append(deviations(drawing(self.avatars[one.subject], one), one.light, other.light))
+        if not found:
             return Verdict("linear", None if not declared else False, "no pair of queries could be drawn")
-        worst = max(deviations)
+        worst = max(each.linearity for each in found)
         if not declared:
             return Verdict("linear", None, f"not declared; largest deviation {worst:.1e}")
         return Verdict("linear", worst <= LINEAR, f"largest deviation {worst:.1e}, allowed {LINEAR:.0e}")
-
-    def _nonlinearity(self, one: Query, other: Query, a: float, b: float) -> float:
-        def draw(light: Group, name: str) -> Array:
-            image = self.avatars[one.subject].relight(replace(one, light=light, lighting=name)).image
-            return image.astype(np.float64)
-
-        first, second = Group((one.light,)), Group((other.light,))
-        both = draw(Group((first.scaled(a), second.scaled(b))), "check-sum")
-        return _deviation(both, a * draw(first, "check-first") + b * draw(second, "check-second"))
 
 
 def _pictures(answers: dict[str, _Answer]) -> dict[str, Prediction]:
@@ -196,16 +199,5 @@ def _equal(law: str, what: str, before: dict[str, _Answer], after: dict[str, _An
         return Verdict(law, False, f"{what}, other queries are unsupported or non-finite")
     drawn = _pictures(after)
     pairs = [(answer, drawn[key]) for key, answer in _pictures(before).items()]
-    worst = max((_deviation(p.image, q.image) + _deviation(p.alpha, q.alpha) for p, q in pairs), default=0.0)
+    worst = max((deviation(p.image, q.image) + deviation(p.alpha, q.alpha) for p, q in pairs), default=0.0)
     return Verdict(law, worst <= SAME, f"{what}: largest deviation {worst:.1e}, allowed {SAME:.0e}")
-
-
-def _deviation(one: Array, other: Array) -> float:
-    """Largest difference, relative to the brightest pixel of either; infinite if only one is finite somewhere."""
-    if one.shape != other.shape or (np.isfinite(one) != np.isfinite(other)).any():
-        return float("inf")
-    finite = np.isfinite(one)
-    if not finite.any():
-        return 0.0
-    scale = max(float(np.abs(one[finite]).max()), float(np.abs(other[finite]).max()), 1e-12)
-    return float(np.abs(one[finite].astype(np.float64) - other[finite]).max()) / scale

@@ -65,7 +65,9 @@ def make_plan(
         chosen = preset or protocol.preset_of(name)
         code = source_digest(entry.target)
         for seed in seeds:
-            prior = digest([versions, name, chosen, code, seed, capture_digest, protocol.training_digest])
+            prior = digest(
+                [versions, name, entry.settings, chosen, code, seed, capture_digest, protocol.training_digest]
+            )
             for subject in protocol.subjects:
                 key = digest([prior, protocol.digest, scoring, subject])
                 cells.append(Cell(key, prior, name, chosen, subject, seed))

@@ -48,14 +48,32 @@ class Selection:
 
 @dataclass(frozen=True)
 class Column:
-    """A group of scored frames that answers one question; `limit` caps how many, None scores all."""
+    """A group of scored frames that answers one question; `limit` caps how many, None scores all.
+
+    `subjects` is "trained", "unseen", or names of subjects of one of these groups.
+    """
 
     name: str
     title: str
-    subjects: str  # "trained" or "unseen"
+    subjects: str | tuple[str, ...]
     frames: Selection
     shares: tuple[str, ...] = ()
     limit: int | None = None
+
+
+@dataclass(frozen=True)
+class Published:
+    """Numbers that a paper prints for a method: a row beside the measured ones, never ranked with them.
+
+    `marker` is the paper's own mark of the row, or ""; `values` holds (column, metric, value) as the protocol
+    names columns and metrics; `method` need not be registered.
+    """
+
+    method: str
+    title: str
+    marker: str
+    source: str
+    values: tuple[tuple[str, str, float], ...]
 
 
 @dataclass(frozen=True)
@@ -80,6 +98,8 @@ class Protocol:
     preset: str = "quick"
     presets: tuple[tuple[str, str], ...] = ()
     sample_seed: int = 0
+    published: tuple[Published, ...] = ()
+    published_note: str = ""
 
     @property
     def label(self) -> str:
@@ -88,10 +108,12 @@ class Protocol:
     @property
     def subjects(self) -> tuple[str, ...]:
         """The subjects that some column scores, in the order of the protocol."""
-        used = {column.subjects for column in self.columns}
-        return (self.trained if "trained" in used else ()) + (self.unseen if "unseen" in used else ())
+        used = {subject for column in self.columns for subject in self.subjects_of(column)}
+        return tuple(subject for subject in (*self.trained, *self.unseen) if subject in used)
 
     def subjects_of(self, column: Column) -> tuple[str, ...]:
+        if isinstance(column.subjects, tuple):
+            return column.subjects
         return self.trained if column.subjects == "trained" else self.unseen
 
     def preset_of(self, method: str) -> str:
@@ -104,7 +126,7 @@ class Protocol:
 
     @cached_property
     def digest(self) -> str:
-        """Digest of everything that decides a score, so not of titles, default methods, seeds and presets."""
+        """Digest of everything that decides a score: not titles, default methods, seeds, presets, published numbers."""
         columns = [{**asdict(column), "title": None} for column in self.columns]
         said = [self.name, self.version, self.training_digest, self.unseen, asdict(self.enrol), columns]
         return digest([*said, self.metrics, self.sample_seed])

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
+from ..device import device_name
 
 
 def provenance(command: list[str]) -> dict[str, Any]:
@@ -74,6 +75,7 @@ def device() -> dict[str, Any]:
         else int(os.environ.get("OMP_NUM_THREADS") or cores or 1),
         "memory_gb": _memory_gb(),
         "gpus": gpus,
+        "networks": device_name(),
     }
 
 

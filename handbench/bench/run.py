@@ -16,7 +16,7 @@ from ..method import Method
 from ..registry import CAPTURES, METHODS, METRICS, PROTOCOLS
 from .plan import Cell, Plan, make_plan
 from .progress import Steps, steps
-from .protocol import Protocol, Selected
+from .protocol import Protocol, Published, Selected
 from .store import SCHEMA, Store
 
 
@@ -139,6 +139,7 @@ def _compute(
             method = tools.methods[cell.method]
             result = compute(bench, cell, method, told)
             store.write_cell({**_about_cell(plan, cell, method), "provenance": origin, **result})
+            store.remove_checkpoints(cell.key)
         overall(i + 1, len(missing))
 
 
@@ -176,7 +177,13 @@ def _about_method(cell: Cell, method: Method) -> dict[str, Any]:
 
 def _about_protocol(protocol: Protocol) -> dict[str, Any]:
     columns = [
-        {"name": c.name, "title": c.title, "subjects": c.subjects, "shares": list(c.shares)} for c in protocol.columns
+        {
+            "name": c.name,
+            "title": c.title,
+            "subjects": c.subjects if isinstance(c.subjects, str) else list(c.subjects),
+            "shares": list(c.shares),
+        }
+        for c in protocol.columns
     ]
     return {
         "name": protocol.name,
@@ -188,6 +195,23 @@ def _about_protocol(protocol: Protocol) -> dict[str, Any]:
         "unseen": list(protocol.unseen),
         "aggregation": list(protocol.aggregation),
         "columns": columns,
+        "published": [_about_published(protocol, row) for row in protocol.published],
+        "published_note": protocol.published_note,
+    }
+
+
+def _about_published(protocol: Protocol, row: Published) -> dict[str, Any]:
+    """A published row; a column's values stand in the order of the protocol's metrics, None where there is none."""
+    values: dict[str, list[float | None]] = {}
+    for column, metric, value in row.values:
+        of_column = values.setdefault(column, [None] * len(protocol.metrics))
+        of_column[protocol.metrics.index(metric)] = value
+    return {
+        "method": row.method,
+        "title": row.title,
+        "marker": row.marker,
+        "source": row.source,
+        "values": values,
     }
 
 

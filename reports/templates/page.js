@@ -1,5 +1,6 @@
 "use strict";
-// Sort a table by the column whose head is chosen: first the better way round, then the other. Gaps stay last.
+// Sort a table by the column whose head is chosen: first the better way round, then the other. Gaps stay last, and
+// published rows below all others: their values are not comparable.
 for (const table of document.querySelectorAll("table.sortable")) {
   const body = table.tBodies[0];
   const heads = [...table.querySelectorAll("th[data-sort]")];
@@ -15,11 +16,12 @@ for (const table of document.querySelectorAll("table.sortable")) {
       head.setAttribute("aria-sort", order);
       const sign = order === "ascending" ? 1 : -1;
       const value = (row) => row.cells[index].dataset.value;
+      const published = (row) => Number(row.classList.contains("published"));
       const compare = (a, b) => {
         if (a === "" || b === "") return (a === "") - (b === "");
         return sign * (head.dataset.sort === "text" ? a.localeCompare(b) : Number(a) - Number(b));
       };
-      body.append(...[...body.rows].sort((a, b) => compare(value(a), value(b))));
+      body.append(...[...body.rows].sort((a, b) => published(a) - published(b) || compare(value(a), value(b))));
     });
   });
 }

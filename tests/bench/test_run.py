@@ -14,6 +14,7 @@ from handbench.bench.run import find_protocol, run
 from handbench.bench.store import Store
 from handbench.data.exr import read_exr
 from handbench.errors import InputError
+from handbench.skips import note
 
 ROOT = Path(__file__).parent
 
@@ -89,7 +90,8 @@ def test_only_missing_cells_are_computed_and_equal_an_uninterrupted_run(fakes, t
 
 def test_an_interrupted_run_keeps_finished_cells_and_resumes(fakes, toy_protocol, tmp_path):
     protocol = toy_protocol()
-    fakes.STOP_AT["toy"] = 18  # the first subject takes 17 calls: a warm-up, 8 queries, 8 again
+    # The first subject takes 26 calls: a warm-up, 8 queries, 8 again, and for the laws 3 lights, 4 scaled, 2 pairs.
+    fakes.STOP_AT["toy"] = 27
     with pytest.raises(KeyboardInterrupt):
         run(protocol, out=tmp_path)
     assert len(list((tmp_path / "cells").iterdir())) == 1
@@ -281,4 +283,39 @@ def test_lights_that_are_not_declared_are_not_asked_for(fakes, toy_protocol, tmp
     reasons = {column: s["reason"] for (column, _), s in scores(tmp_path, "toy-directional").items()}
     assert reasons.pop("env") == "unsupported: Toy-Directional cannot draw environment lights"
     assert set(reasons.values()) == {None} and outcome.crashed == ()
-    assert asked == {"group-0", "olat-03"}
+    assert {name for name in asked if not name.startswith("laws-")} == {"group-0", "olat-03"}
+
+
+def test_a_cell_tells_the_laws_measured_outside_the_clock_and_its_skips(fakes, toy_protocol, tmp_path, monkeypatch):
+    real = fakes.ToyAvatar.relight
+
+    def relight(avatar, query):
+        if query.lighting.startswith("laws-"):
+            note("pixels", 1000, 1000)
+        return real(avatar, query)
+
+    monkeypatch.setattr(fakes.ToyAvatar, "relight", relight)
+    run(toy_protocol(methods=["oracle", "toy", "toy-square", "toy-nan"]), out=tmp_path)
+    laws = {cell["method"]["name"]: cell["laws"] for cell in cells(tmp_path) if cell["subject"] == "s01"}
+    assert laws["oracle"] == {}, "the truth has no answer to other lights"
+    assert laws["toy"]["pairs"] == 2 and max(laws["toy"][name] for name in ("additivity", "linearity")) < 1e-6
+    assert laws["toy-square"]["linearity"] > 0.1
+    for cell in cells(tmp_path):
+        assert cell["times"]["relight_ms"]["n"] <= 8 and "pixels" not in cell["skipped"]
+        assert cell["times"]["laws_s"] >= 0
+
+
+def test_published_numbers_reach_the_run_without_computing_anything(fakes, toy_protocol, tmp_path):
+    run(toy_protocol(), out=tmp_path)
+    row = {"method": "absent", "title": "Absent", "source": "A paper", "values": {"env": {"ssim": 0.9}}}
+    changes = {"metrics": ["psnr", "ssim"], "published": [row], "published_note": "No window is told."}
+    run(toy_protocol(metrics=["psnr", "ssim"]), out=tmp_path)
+    fakes.CALLS.clear()
+    outcome = run(toy_protocol(**changes), out=tmp_path)
+    assert (outcome.computed, outcome.reused) == (0, 2) and set(fakes.CALLS) == {"open"}
+    told = Store(tmp_path).run()["protocol"]
+    assert told["published"] == [{**row, "marker": "", "values": {"env": [None, 0.9]}}], "in the order of the metrics"
+    assert told["published_note"] == "No window is told."
+    before = (tmp_path / "run.json").stat().st_mtime_ns
+    run(toy_protocol(**changes), out=tmp_path)
+    assert (tmp_path / "run.json").stat().st_mtime_ns == before

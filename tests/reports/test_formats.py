@@ -99,8 +99,17 @@ def test_terminal_shows_every_value_at_any_width(result: Table) -> None:
     assert "33.12" in _printed(result, 60) and "…" not in _printed(result, 60)
 
 
-def test_a_published_row_is_marked(result: Table) -> None:
-    published = replace(result, rows=(replace(result.rows[4], kind="published"),))
-    assert "URHand†" in render_markdown(published).replace(" †", "†")
-    assert r"URHand\textdagger{}" in render_latex(published)
-    assert "URHand †" in _printed(published, 100)
+def test_a_calibration_row_is_marked(result: Table) -> None:
+    assert "| Oracle \\* |" in render_markdown(result) and "Oracle * " in _printed(result, 100)
+
+
+def test_non_linearity_stands_beside_the_times(result: Table) -> None:
+    values = (None, None, None, 0.0, 2.1e-7)
+    rows = tuple(replace(row, nonlinearity=value) for row, value in zip(result.rows, values, strict=True))
+    measured = replace(result, rows=rows)
+    assert re.search(r"^\| Physical.* \| 0 \|$", render_markdown(measured), re.MULTILINE)
+    assert re.search(r"^\| URHand \|.* \| 2.1e-07 \|$", render_markdown(measured), re.MULTILINE)
+    assert "2.1e-07" in _printed(measured, 100)
+    lines = csv.DictReader(io.StringIO(render_csv(measured)))
+    found = {line["method"]: float(line["value"]) for line in lines if line["metric"] == "nonlinearity"}
+    assert found == {"physical": 0.0, "urhand": 2.1e-7}

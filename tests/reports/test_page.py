@@ -201,3 +201,23 @@ def test_a_run_folder_that_cannot_be_written_gets_a_remedy_that_exists(small_run
     with pytest.raises(StorageError, match="make it writable, or copy the run") as caught:
         write_reports(small_run)
     assert "--out" not in str(caught.value)
+
+
+def test_laws_are_shown_and_a_broken_promise_is_a_warning(small_run: Path) -> None:
+    path = small_run / "run.json"
+    plan = json.loads(path.read_text())
+    plan["methods"][1]["linear"] = True
+    path.write_text(json.dumps(plan))
+    cells = [file for file in (small_run / "cells").glob("*.json") if _method(file) == "urhand"]
+    for file, value in zip(cells, (3e-7, None, 2e-8), strict=True):
+        laws = {"additivity": value, "homogeneity": value, "linearity": value, "pairs": 3, "reason": None}
+        file.write_text(json.dumps({**json.loads(file.read_text()), "laws": laws}))
+    page = write_reports(small_run)["index.html"].read_text()
+    assert ">3.0e-07<" in page and "declared linear in light, but not" not in page
+    cells[0].write_text(cells[0].read_text().replace("3e-07", "0.002"))
+    page = write_reports(small_run)["index.html"].read_text()
+    assert ">2.0e-03<" in page and "declared linear in light, but not: URHand" in page
+
+
+def _method(cell: Path) -> str:
+    return json.loads(cell.read_text())["method"]["name"]

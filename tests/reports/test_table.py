@@ -152,6 +152,8 @@ def test_seeds_are_averaged_and_owed(run_folder: Path) -> None:
     result = table(run_folder)
     assert _cell(result, "urhand").value == pytest.approx((once or 0) + 0.5)
     assert _cell(result, "urhand").complete
+    assert _cell(result, "urhand").spread == pytest.approx(0.5**0.5), "two seeds one apart"
+    assert _cell(result, "physical").spread is None
     assert (_cell(result, "physical").covered, _cell(result, "physical").expected) == (24, 48)
 
 
@@ -169,3 +171,13 @@ def test_numbers_as_text() -> None:
         "∞",
     ]
     assert [letter(note) for note in (1, 26, 27, 53)] == ["a", "z", "aa", "ba"]
+
+
+def test_non_linearity_is_the_worst_cell_and_old_cells_have_none(run_folder: Path) -> None:
+    assert _row(table(run_folder), "urhand").nonlinearity is None
+    cells = [path for path in (run_folder / "cells").glob("*.json") if _is(path, "urhand", "s01")]
+    cells += [path for path in (run_folder / "cells").glob("*.json") if _is(path, "urhand", "s02")]
+    for path, value in zip(cells, (0.0, 3e-7), strict=True):
+        cell = json.loads(path.read_text())
+        path.write_text(json.dumps({**cell, "laws": {"linearity": value}}))
+    assert _row(table(run_folder), "urhand").nonlinearity == 3e-7

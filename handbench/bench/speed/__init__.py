@@ -1,0 +1,1 @@
+"""`handbench speed`: error against time of the lighting core, of its competitors and of every method."""

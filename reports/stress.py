@@ -1,0 +1,61 @@
+"""The section of a page that shows a stress run: families with counts and worst errors, failures first."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from handbench.bench.stress.case import Result
+from handbench.bench.stress.record import FILE, SCHEMA, summaries
+from handbench.errors import InputError
+
+
+def stress_section(run_folder: Path) -> str | None:
+    """The HTML of a <section> of its own, styled within, for the stress.json of a run folder; None without one.
+
+    Raises `InputError` for a file that cannot be read or is of another schema.
+    """
+    path = run_folder / FILE
+    if not path.is_file():
+        return None
+    record = _read(path)
+    try:
+        results = tuple(Result(**case) for case in record["cases"])
+        page = Environment(
+            loader=PackageLoader("handbench.reports"),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        return page.get_template("stress.html").render(
+            families=[(line, [r for r in results if r.family == line.family]) for line in summaries(results)],
+            failures=[result for result in results if not result.passed],
+            total=len(results),
+            seconds=float(record["seconds"]),
+            device=record["provenance"]["device"],
+            scientific=_scientific,
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path} lacks what a stress run writes ({error}); run 'handbench stress' again") from error
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} cannot be read ({error}); run 'handbench stress' again") from error
+    schema = record.get("schema") if isinstance(record, dict) else None
+    if schema != SCHEMA:
+        raise InputError(f"{path} is of schema {schema}, expected {SCHEMA}; run 'handbench stress' again")
+    return record
+
+
+def _scientific(value: float | None) -> str:
+    """ "1.2e-05", "0", or a dash for none."""
+    if value is None:
+        return "–"
+    return "0" if value == 0 else f"{value:.1e}"

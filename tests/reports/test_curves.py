@@ -1,0 +1,86 @@
+"""Loss curves: what trainings told, drawn once a method with all its seeds."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from handbench.reports import write_reports
+from handbench.reports.curves import Curve, curve_png, curves
+from handbench.reports.run import read_run
+
+TOLD = [
+    {"step": 20, "loss": 0.5, "l1": 0.4, "adversarial": 0.1},
+    {"step": 40, "loss": 0.3, "l1": None, "adversarial": -0.1},
+]
+
+
+def _train(run: Path, method: str, told: list[dict], name: str = "p0", seed: int = 0) -> None:
+    """Give the cells of a method's seed a prior with this curve."""
+    folder = run / "priors" / name
+    folder.mkdir(parents=True)
+    (folder / "train.json").write_text(json.dumps({"schema": 1, "curve": told}))
+    for path in (run / "cells").glob("*.json"):
+        cell = json.loads(path.read_text())
+        if (cell["method"]["name"], cell["seed"]) == (method, seed):
+            path.write_text(json.dumps({**cell, "prior": name}))
+
+
+def test_a_prior_is_told_once_for_all_subjects_and_a_gap_is_left_out(run_folder: Path) -> None:
+    _train(run_folder, "urhand", TOLD)
+    found = curves(read_run(run_folder))
+    assert set(found) == {"urhand"}, "cells without a prior, and methods that tell nothing, have no curve"
+    (curve,) = found["urhand"]
+    assert curve == Curve(
+        0, "", {"loss": [(20, 0.5), (40, 0.3)], "l1": [(20, 0.4)], "adversarial": [(20, 0.1), (40, -0.1)]}
+    )
+
+
+def test_every_seed_and_every_personalisation_has_its_own(run_folder: Path) -> None:
+    _train(run_folder, "urhand", TOLD)
+    plan = json.loads((run_folder / "run.json").read_text())
+    for path in list((run_folder / "cells").glob("*.json")):
+        cell = json.loads(path.read_text())
+        if cell["method"]["name"] == "urhand":
+            again = {**cell, "key": f"{cell['key']}-1", "seed": 1, "prior": None, "curve": TOLD[:1]}
+            (run_folder / "cells" / f"{again['key']}.json").write_text(json.dumps(again))
+            plan["cells"].append(again["key"])
+    (run_folder / "run.json").write_text(json.dumps(plan))
+    _train(run_folder, "urhand", TOLD[1:], "p1", seed=1)
+    found = curves(read_run(run_folder))["urhand"]
+    assert sorted((curve.seed, curve.subject) for curve in found) == [
+        (0, ""),
+        (1, ""),
+        (1, "s01"),
+        (1, "s02"),
+        (1, "s03"),
+    ]
+
+
+def test_losses_that_change_sign_get_a_linear_axis_beside_the_logarithmic_one() -> None:
+    points = [(step, 1.0 / step) for step in range(1, 50)]
+    positive = Curve(0, "", {"loss": points})
+    signed = Curve(0, "", {"loss": points, "adversarial": [(step, 0.5 - step) for step, _ in points]})
+    one, two = (Image.open(io.BytesIO(curve_png("URHand $x_", [curve]))) for curve in (positive, signed))
+    assert two.width == 2 * one.width and two.height == one.height
+    assert np.asarray(one.convert("L")).min() < 128, "something is drawn"
+
+
+def test_the_page_shows_them_and_the_run_keeps_the_pictures(small_run: Path) -> None:
+    _train(small_run, "urhand", TOLD)
+    files = write_reports(small_run)
+    assert files["figures/losses-urhand.png"].read_bytes().startswith(b"\x89PNG")
+    page = files["index.html"].read_text()
+    assert 'alt="Loss curves of URHand"' in page and "Losses as they were told" in page
+    before = files["index.html"].stat().st_mtime_ns
+    assert write_reports(small_run)["index.html"].stat().st_mtime_ns == before
+    (small_run / "priors" / "p0" / "train.json").unlink()
+    assert "losses-urhand" not in str(write_reports(small_run)), "a report follows what the run holds"
+
+
+def test_a_run_without_trainings_has_no_such_section(whole_run: Path) -> None:
+    assert "Losses as they were told" not in write_reports(whole_run)["index.html"].read_text()

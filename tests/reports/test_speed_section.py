@@ -1,0 +1,122 @@
+"""The page of a speed study: figures, tables, and honest words where a curve does not reach."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from handbench.bench.speed.equal_error import table
+from handbench.bench.speed.measure import Curve, Point
+from handbench.bench.speed.study import GOALS, SCHEMA
+from handbench.errors import InputError
+from handbench.reports.speed import cell_text, duration, goals, render_speed, speed_section, write_speed_report
+
+
+def curve(renderer: str, pose: str, *pairs: tuple[float, float], knob: str = "lights") -> Curve:
+    return Curve(renderer, pose, tuple(Point(knob, f"{e:g}", e, (t, 1.1 * t, 1.2 * t)) for t, e in pairs))
+
+
+@pytest.fixture
+def found() -> dict[str, Any]:
+    curves = [
+        curve("handbench", "new", (0.02, 0.2), (0.05, 0.02), (0.2, 0.005)),
+        curve("Mitsuba direct", "new", (0.1, 0.2), (9.0, 0.02), (40.0, 0.009), knob="samples"),
+        curve("handbench", "known", (0.001, 0.05), (0.004, 0.006)),
+        curve("Mitsuba direct", "known", (0.1, 0.2), (9.0, 0.02), knob="samples"),
+    ]
+    scene = {
+        "name": "lambert-sun",
+        "title": "Lambert <sun>",
+        "triangles": 10,
+        "picture": [4, 4],
+        "truth": {"pixels": 9, "noise": 0.001},
+        "mitsuba_residual": {"error": 0.002, "noise": 0.001},
+        "notes": [],
+        "learn": [],
+        "curves": [one.json() for one in curves],
+        "equal_error": table(curves),
+    }
+    scaling = {
+        "axis": "lights",
+        "title": "Lights",
+        "sizes": [1, 16, 256],
+        "seconds": [[0.1, 0.2], [0.2, 0.3], [1.0, 1.2]],
+        "fit": {"exponent": 0.8, "error": 0.05, "scale": 0.01, "used": 3},
+    }
+    method = {
+        "method": "physical",
+        "title": "Physical",
+        "curves": [curve("", pose, (0.1, 0.0), (0.05, 0.1)).json() for pose in ("new", "known")],
+    }
+    device = {"cpu": "Test CPU", "cores": 2, "threads": 2, "memory_gb": 8.0, "gpus": []}
+    return {
+        "schema": SCHEMA,
+        "quick": True,
+        "provenance": {"device": device, "version": "0", "command": "handbench speed"},
+        "scenes": [scene],
+        "goals": [dict(goal) for goal in GOALS],
+        "scaling": [scaling],
+        "methods": [method, {"method": "oracle", "title": "Oracle", "curves": [], "reason": "a calibration row"}],
+    }
+
+
+@pytest.fixture
+def folder(found: dict[str, Any], tmp_path: Path) -> Path:
+    (tmp_path / "speed.json").write_text(json.dumps(found))
+    return tmp_path
+
+
+def test_report_needs_no_other_file(folder: Path) -> None:
+    page = write_speed_report(folder).read_text()
+    assert page.count("data:image/png;base64,") == 3
+    assert "http" not in page
+    assert "Test CPU" in page
+    assert "not reached" in page
+    assert "Lambert &lt;sun&gt;" in page
+    written = sorted(path.name for path in (folder / "report" / "figures").iterdir())
+    names = ("error-time-lambert-sun", "methods", "scaling")
+    assert written == sorted(f"{name}.{kind}" for name in names for kind in ("png", "pdf"))
+
+
+def test_same_study_gives_same_bytes(folder: Path) -> None:
+    first = write_speed_report(folder).read_bytes()
+    assert write_speed_report(folder).read_bytes() == first
+
+
+def test_section_is_a_fragment_or_nothing(folder: Path, tmp_path: Path) -> None:
+    section = speed_section(folder)
+    assert section is not None
+    assert "<html" not in section and "<h2" in section
+    assert speed_section(tmp_path / "nowhere") is None
+
+
+def test_study_of_a_newer_version_is_refused(folder: Path, found: dict[str, Any]) -> None:
+    (folder / "speed.json").write_text(json.dumps({**found, "schema": SCHEMA + 1}))
+    with pytest.raises(InputError, match="measure again"):
+        speed_section(folder)
+
+
+def test_goals_are_judged_on_what_was_reached(found: dict[str, Any]) -> None:
+    new, known = goals(found)
+    assert new[0] and "goal 3 times" in new[1]
+    assert not known[0] and "not reached" in known[1]  # Mitsuba's known pose stops at 2 %
+
+
+def test_cells_say_what_they_know() -> None:
+    cell = {"error": 0.01, "seconds": 0.25, "bound": True, "speed_up": 5.0, "sign": "<=", "reason": ""}
+    assert cell_text(cell) == "≤ 250 ms (≤ 5×)"
+    assert cell_text({**cell, "seconds": None}) == "not reached"
+    assert [duration(t) for t in (2.5, 0.0123, 4e-5)] == ["2.5 s", "12.3 ms", "40 µs"]
+
+
+def test_terminal_shows_every_table(found: dict[str, Any]) -> None:
+    out = io.StringIO()
+    Console(width=140, file=out).print(render_speed(found))
+    text = out.getvalue()
+    for part in ("Lambert <sun>", "0.80 ± 0.05", "Physical", "a calibration row", "exact"):
+        assert part in text

@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from handbench.bench.stress.case import Result
+from handbench.bench.stress.record import write_record
+from handbench.errors import InputError
+from handbench.reports.stress import stress_section
+
+RESULTS = (
+    Result("brdf", "roughness 0.1", "accurate(1e-05)", "jax float64", "relative error 3.1e-06", 3.1e-6, 1.5, True),
+    Result("brdf", "d = -ω", "finite", "", "finite", None, 0.2, True),
+    Result("hand", "pose <script>", "finite", "", "crashes: the process ended with SIGSEGV", None, 4000.0, False),
+)
+ABOUT = {"device": {"cpu": "Example CPU 9000", "cores": 2}}
+
+
+class _Balanced(HTMLParser):
+    """Fails on a tag that is closed out of turn."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_a_folder_without_a_stress_run_has_no_section(tmp_path: Path) -> None:
+    assert stress_section(tmp_path) is None
+
+
+def test_the_section_shows_failures_first_then_families_then_all(tmp_path: Path) -> None:
+    write_record(tmp_path, RESULTS, 12.3, ABOUT)
+    html = stress_section(tmp_path)
+    assert html is not None
+    parser = _Balanced()
+    parser.feed(html)
+    assert not parser.open
+    assert "1 of 3 hard cases came out other than expected" in html and "Example CPU 9000" in html
+    assert html.index("SIGSEGV") < html.index("Families") < html.index("Every case")
+    assert "pose &lt;script&gt;" in html and "<script" not in html
+    assert "3.1e-06" in html and "jax float64" in html
+    assert "http" not in html, "needs nothing from elsewhere"
+
+
+def test_a_clean_run_says_so(tmp_path: Path) -> None:
+    write_record(tmp_path, RESULTS[:2], 1.0, ABOUT)
+    html = stress_section(tmp_path)
+    assert html is not None and "All 2 hard cases came out as expected" in html and "Failures" not in html
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("{", "cannot be read"),
+        ('{"schema": 99}', "schema 99, expected 1"),
+        ("[]", "schema None"),
+        ('{"schema": 1, "cases": []}', "lacks what a stress run writes"),
+        (json.dumps({"schema": 1, "cases": [{**asdict(RESULTS[0]), "colour": 1}]}), "lacks what a stress run writes"),
+    ],
+)
+def test_a_damaged_file_is_an_input_error(tmp_path: Path, text: str, told: str) -> None:
+    (tmp_path / "stress.json").write_text(text)
+    with pytest.raises(InputError, match=told):
+        stress_section(tmp_path)
