@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from handbench.bench.protocol import AGGREGATION, AXES, Column, Protocol, Selection
+from handbench.bench.protocol import AGGREGATION, AXES, Column, Protocol, Published, Selection
 from handbench.errors import InputError, unknown_name
 
 _SELECTION = ("segments", "kinds", "lightings", "poses", "cameras")
@@ -15,8 +16,9 @@ _KINDS = ("olat", "group", "full", "environment")
 _COLUMN = ("name", "title", "subjects", "shares", "limit", *_SELECTION)
 _TOP = (
     *("name", "version", "title", "summary", "capture", "size", "subjects", "train", "enrol", "column"),
-    *("metrics", "methods", "seeds", "preset", "presets", "aggregation", "sample_seed"),
+    *("metrics", "methods", "seeds", "preset", "presets", "aggregation", "sample_seed", "published", "published_note"),
 )
+_PUBLISHED = ("method", "title", "marker", "source", "values")
 
 
 def load(path: Path) -> Protocol:
@@ -41,9 +43,11 @@ def parse(table: Mapping[str, Any], origin: str) -> Protocol:
     columns = top.get("column", list, "[[column]] tables")
     if not columns:
         raise InputError(f"{top.owner}: there is no [[column]]; add one, nothing would be scored")
-    named = tuple(_column(f"{top.owner} column {i + 1}", column, unseen) for i, column in enumerate(columns))
+    named = tuple(_column(f"{top.owner} column {i + 1}", column, trained, unseen) for i, column in enumerate(columns))
     _distinct(top.owner, "column name", [column.name for column in named])
     presets = _Reader(f"{top.owner} [presets]", top.table("presets", default={}), None)
+    metrics = top.texts("metrics")
+    published = top.get("published", list, "[[published]] tables", [])
     return Protocol(
         name=top.text("name"),
         version=top.whole("version", least=1),
@@ -56,25 +60,26 @@ def parse(table: Mapping[str, Any], origin: str) -> Protocol:
         train=_selection(f"{top.owner} [train]", top.table("train")),
         enrol=_selection(f"{top.owner} [enrol]", top.table("enrol")),
         columns=named,
-        metrics=top.texts("metrics"),
+        metrics=metrics,
         methods=top.texts("methods"),
         aggregation=_aggregation(top),
         seeds=top.wholes("seeds", default=(0,)),
         preset=top.text("preset", default="quick"),
         presets=tuple((method, presets.text(method)) for method in sorted(presets.given)),
         sample_seed=top.whole("sample_seed", least=0, default=0),
+        published=tuple(
+            _published(f"{top.owner} published {i + 1}", row, [column.name for column in named], metrics)
+            for i, row in enumerate(published)
+        ),
+        published_note=top.get("published_note", str, "a text", ""),
     )
 
 
-def _column(owner: str, table: Any, unseen: tuple[str, ...]) -> Column:
+def _column(owner: str, table: Any, trained: tuple[str, ...], unseen: tuple[str, ...]) -> Column:
     reader = _Reader(owner, table, _COLUMN)
     name = reader.text("name")
     reader.owner = f"{owner} ({name})"
-    subjects = reader.text("subjects")
-    if subjects not in ("trained", "unseen"):
-        raise InputError(f'{reader.owner}: subjects is {subjects!r}; write "trained" or "unseen"')
-    if subjects == "unseen" and not unseen:
-        raise InputError(f'{reader.owner}: subjects is "unseen", but [subjects] lists no unseen subject; add one')
+    subjects = _subjects(reader, trained, unseen)
     shares = reader.texts("shares", default=())
     for axis in shares:
         if axis not in AXES:
@@ -82,6 +87,42 @@ def _column(owner: str, table: Any, unseen: tuple[str, ...]) -> Column:
     selection = _selection(reader.owner, {key: reader.given[key] for key in _SELECTION if key in reader.given})
     limit = reader.whole("limit", least=1) if "limit" in reader.given else None
     return Column(name, reader.text("title"), subjects, selection, shares, limit)
+
+
+def _subjects(column: _Reader, trained: tuple[str, ...], unseen: tuple[str, ...]) -> str | tuple[str, ...]:
+    """ "trained", "unseen", or names that are all in one of these groups: a column answers one question."""
+    if isinstance(column.given.get("subjects"), list):
+        names = column.texts("subjects")
+        for name in names:
+            if name not in trained + unseen:
+                raise unknown_name(f"subject in {column.owner}:", name, trained + unseen)
+        if set(names) & set(trained) and set(names) & set(unseen):
+            raise InputError(f"{column.owner}: subjects {list(names)} are of both groups; name trained or unseen ones")
+        return names
+    group = column.text("subjects")
+    if group not in ("trained", "unseen"):
+        raise InputError(f'{column.owner}: subjects is {group!r}; write "trained", "unseen" or a list of names')
+    if group == "unseen" and not unseen:
+        raise InputError(f'{column.owner}: subjects is "unseen", but [subjects] lists no unseen subject; add one')
+    return group
+
+
+def _published(owner: str, table: Any, columns: Sequence[str], metrics: Sequence[str]) -> Published:
+    reader = _Reader(owner, table, _PUBLISHED)
+    method = reader.text("method")
+    owner = f"{owner} ({method})"
+    values: list[tuple[str, str, float]] = []
+    for column, of_column in _Reader(f"{owner} values", reader.table("values"), columns).given.items():
+        scores = _Reader(f"{owner} values of {column}", of_column, metrics)
+        for metric in scores.given:
+            value = scores.get(metric, (int, float), "a number")
+            if not math.isfinite(value):
+                raise InputError(f"{scores.owner}: {metric} is {value}; leave out what is not published")
+            values.append((column, metric, float(value)))
+    if not values:
+        raise InputError(f"{owner}: values is empty; give a number or remove the row")
+    marker = reader.get("marker", str, "a text", "")
+    return Published(method, reader.text("title"), marker, reader.text("source"), tuple(values))
 
 
 def _selection(owner: str, table: Mapping[str, Any]) -> Selection:
@@ -110,7 +151,7 @@ def _distinct(owner: str, what: str, values: Iterable[Any]) -> None:
 class _Reader:
     """A table whose keys are known and whose values are read with their type checked; `known` None allows any key."""
 
-    def __init__(self, owner: str, table: Any, known: tuple[str, ...] | None) -> None:
+    def __init__(self, owner: str, table: Any, known: Sequence[str] | None) -> None:
         self.owner = owner
         if not isinstance(table, Mapping):
             raise InputError(f"{owner}: expected a table, got {table!r}")
@@ -119,7 +160,7 @@ class _Reader:
             if known is not None and key not in known:
                 raise unknown_name(f"key in {owner}:", key, known)
 
-    def get(self, key: str, kind: type, wanted: str, default: Any = None) -> Any:
+    def get(self, key: str, kind: type | tuple[type, ...], wanted: str, default: Any = None) -> Any:
         value = self.given.get(key, default)
         if value is None:
             raise InputError(f"{self.owner}: {key!r} is missing; give {wanted}")

@@ -57,7 +57,10 @@ def test_quick_answers_its_four_questions():
         (("enrol", "kinds"), ["ful"], "unknown kind of frame .* 'ful'; did you mean 'full'"),
         (("column",), [], r"no \[\[column\]\]"),
         (("column", 0), 3, "column 1: expected a table, got 3"),
-        (("column", 0, "subjects"), "all", '(unseen-segment): subjects is \'all\'; write "trained" or "unseen"'),
+        (("column", 0, "subjects"), "all", '(unseen-segment): subjects is \'all\'; write "trained", "unseen" or a'),
+        (("column", 0, "subjects"), ["s03"], "unknown subject in .*: 's03'; did you mean 's02' or 's01'"),
+        (("column", 0, "subjects"), ["s01", "s02"], "are of both groups; name trained or unseen ones"),
+        (("column", 0, "subjects"), [], r"subjects is \[\]; give a list of texts, not empty"),
         (("column", 0, "shares"), ["lights"], "'lights'; did you mean 'light'"),
         (("column", 1, "name"), "unseen-segment", "column name 'unseen-segment' is given twice"),
         (("subjects",), {"trained": ["s01"]}, "lists no unseen subject"),
@@ -93,3 +96,60 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
     with pytest.raises(InputError, match="not valid TOML"):
         load(tmp_path / "latin.toml")
+
+
+def test_quick_and_smoke_keep_their_digests():
+    """A change of these throws away every kept cell and training: it must be meant."""
+    found = {name: (PROTOCOLS.load(name).digest[:12], PROTOCOLS.load(name).training_digest[:12]) for name in KEPT}
+    assert found == KEPT
+
+
+KEPT = {"quick": ("8163276d3eeb", "1a094be7a68e"), "smoke": ("961dc03ad10d", "d99796e00c2d")}
+
+
+def test_a_column_may_name_its_subjects():
+    content = table()
+    content["subjects"] = {"trained": ["s01", "s02"], "unseen": ["s03", "s04"]}
+    content["column"] = [
+        {**content["column"][0], "subjects": ["s02"]},
+        {**content["column"][1], "subjects": ["s04", "s03"]},
+    ]
+    protocol = parse(content, "x")
+    assert [protocol.subjects_of(column) for column in protocol.columns] == [("s02",), ("s04", "s03")]
+    assert protocol.subjects == ("s02", "s03", "s04"), "a subject that no column scores is not worked on"
+
+
+ROW = {"method": "absent", "title": "Absent", "marker": "†", "source": "A paper, Table 1"}
+
+
+def published(**changes) -> dict:
+    return {**table(), "published": [{**ROW, "values": {"environment": {"psnr": 30}}, **changes}]}
+
+
+def test_published_numbers_are_read_and_change_no_digest():
+    with_rows = parse({**published(), "published_note": "No window is told."}, "x")
+    (row,) = with_rows.published
+    assert row.values == (("environment", "psnr", 30.0),)
+    assert (row.method, row.title, row.marker, row.source) == ("absent", "Absent", "†", "A paper, Table 1")
+    assert with_rows.published_note == "No window is told."
+    bare = parse(table(), "x")
+    assert (with_rows.digest, with_rows.training_digest) == (bare.digest, bare.training_digest)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"values": {"enviroment": {"psnr": 30}}}, "unknown key in .*published 1 .absent. values:.*'environment'"),
+        ({"values": {"environment": {"psrn": 30}}}, "values of environment:.*'psrn'; did you mean 'psnr'"),
+        ({"values": {"environment": {"psnr": "30"}}}, "psnr is '30'; give a number"),
+        ({"values": {"environment": {"psnr": float("nan")}}}, "psnr is nan; leave out what is not published"),
+        ({"values": {}}, "values is empty; give a number or remove the row"),
+        ({"values": {"environment": 30.0}}, "values of environment: expected a table"),
+        ({"source": ""}, "source is empty"),
+        ({"marker": 1}, "marker is 1; give a text"),
+        ({"tilte": "x"}, "'tilte'; did you mean 'title'"),
+    ],
+)
+def test_published_numbers_that_fit_nothing_are_refused(changes, message):
+    with pytest.raises(InputError, match=message):
+        parse(published(**changes), "x")
