@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from statistics import median
 
 import numpy as np
 import torch
@@ -75,26 +74,8 @@ def _forward(scene: Scene) -> list[Measurement]:
     pairs = scene.texels * len(scene.lights) / 1e6
     return [
         summary("fused shading, 256, 150 lights: first call", "s", first),
-        summary(
-            "fused shading, 256, 150 lights: microseconds per 400 pairs", "µs", [400 * t / pairs for t in fused], 1.0
-        ),
+        summary("fused shading, 256, 150 lights: 400 million texel-lights", "s", [400 * t / pairs for t in fused], 1.0),
         summary("fused shading, 256, 150 lights: share of naive torch's time", "", _ratios(fused, naive), 1 / 5),
-        *_inductor(scene, fused),
-    ]
-
-
-def _inductor(scene: Scene, fused: list[float]) -> list[Measurement]:
-    """torch.compile of the naive features: what it takes to compile, and its time against the fused loop's."""
-    try:
-        compiled = torch.compile(naive_features, dynamic=False)
-        first = seconds(lambda: scene.forward(compiled), 1)
-        again = seconds(lambda: scene.forward(compiled), REPEATS)
-    except Exception as error:  # no compiler here: nothing to compare with
-        print(f"torch.compile is not compared: {str(error).splitlines()[0]}")
-        return []
-    return [
-        summary("torch.compile of the naive features: first call", "s", first),
-        summary("fused shading: share of torch.compile's time", "", [median(fused) / t for t in again]),
     ]
 
 

@@ -127,7 +127,7 @@ def _reaches(normal: Tensor, where: Array, seen: Array | None, block: int, block
     starts = np.minimum(np.arange(blocks) * block, count - block)
     if seen is not None and skips().occluded:
         for index, start in enumerate(starts):
-            reaches[index] = seen[:, start : start + block].max(axis=1) != 0
+            reaches[index] = seen[:, start : start + block].any(axis=1)
     elif seen is None and skips().below_horizon:
         for index, start in enumerate(starts):
             normals = normal[:, start : start + block]

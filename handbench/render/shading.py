@@ -86,7 +86,8 @@ def disney_radiance(
 def _checked(**maps: Tensor) -> tuple[Tensor, ...]:
     """The maps, at least in single precision."""
     for name, values in maps.items():
-        if not values.isfinite().all():
+        # a float64 sum is finite if and only if all of them are, and several times faster to ask
+        if not values.detach().sum(dtype=torch.float64).isfinite():
             bad = int((~values.isfinite()).sum())
             raise NonFinite(f"shading: the {name} map holds {bad} values that are NaN or infinite")
     return tuple(values.float() if values.element_size() < 4 else values for values in maps.values())
