@@ -131,6 +131,16 @@ def _check(arguments: argparse.Namespace) -> int:
     return 1 if any(verdict.holds is False for verdict in verdicts) else 0
 
 
+def _geometry(arguments: argparse.Namespace) -> int:
+    study = importlib.import_module("handbench.methods.geometry.study")
+    command = ["handbench", *sys.argv[1:]]
+    out = arguments.out or Path("runs") / "geometry"
+    found = study.run(arguments.protocol, out, arguments.data, arguments.preset, arguments.seed, command)
+    _show(study.render(found["table"]))
+    print(f"every frame: {out / study.RESULT}")
+    return 0
+
+
 def _stress(arguments: argparse.Namespace) -> int:
     from .bench.stress.record import render
     from .bench.stress.run import chosen_cases, stress
@@ -194,6 +204,14 @@ def _parser() -> argparse.ArgumentParser:
         verb.add_argument("capture", help="a name that 'handbench list captures' shows")
         verb.add_argument("--size", default="quick", metavar="SIZE")
         verb.add_argument("--folder", type=Path, metavar="DIR", help="where captures are kept")
+
+    geometry = verbs.add_parser("geometry", help="train the hand geometry autoencoder and measure its errors")
+    geometry.add_argument("protocol", help="whose subjects and frames; 'handbench list protocols' shows names")
+    geometry.add_argument("--preset", metavar="NAME")
+    geometry.add_argument("--seed", type=int, default=0)
+    geometry.add_argument("--out", type=Path, metavar="DIR", help="where results go (default: runs/geometry)")
+    geometry.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
+    geometry.set_defaults(verb=_geometry)
 
     check = verbs.add_parser("check", help="try the laws of the method interface on a method")
     check.add_argument("method", help="a name that 'handbench list methods' shows")

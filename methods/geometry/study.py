@@ -10,6 +10,8 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+from rich.table import Table
+
 from handbench.bench.progress import steps
 from handbench.bench.protocol import Protocol, resolve
 from handbench.bench.provenance import provenance
@@ -182,3 +184,14 @@ def table(found: dict[str, list[FrameErrors]]) -> list[dict[str, Any]]:
         for group, errors in found.items()
         for row, means in mean_errors(errors).items()
     ]
+
+
+def render(lines: list[dict[str, Any]]) -> Table:
+    """The table of `run` for the terminal."""
+    shown = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", title="Geometry errors in millimetres")
+    for title, side in (("group", "left"), ("mesh", "left"), ("frames", "right"), *((e, "right") for e in ERRORS)):
+        shown.add_column(title.replace("_", " "), justify=side)  # type: ignore[arg-type]
+    for line in lines:
+        errors = ("–" if line[name] is None else f"{line[name]:.2f}" for name in ERRORS)
+        shown.add_row(GROUPS[line["group"]], line["title"], str(line["frames"]), *errors)
+    return shown

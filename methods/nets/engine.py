@@ -112,8 +112,8 @@ def fit(name: str, players: Sequence[Player], samples: int, budget: Budget, seed
     """Train the players in place on samples 0 … samples - 1, each once before any comes again.
 
     Goes on from the checkpoint of the training under way, if there is one. `progress` is told the running mean of
-    the sum of the losses ("loss") and of each term. Raises `NonFinite` at the first step whose loss or gradient is
-    not finite: nothing is trained through it.
+    the sum of the first player's losses ("loss") and of each term; those of others are called "player term".
+    Raises `NonFinite` at the first step whose loss or gradient is not finite: nothing is trained through it.
     """
     _keep_freed_memory()
     optimisers = [_Optimiser(player, budget) for player in players]
@@ -132,7 +132,8 @@ def fit(name: str, players: Sequence[Player], samples: int, budget: Budget, seed
         for term, value in terms.items():
             state.means[term] = _MEMORY * state.means.get(term, value) + (1.0 - _MEMORY) * value
         if state.step % _TELL == 0 or state.step == budget.steps:
-            values = {"loss": sum(state.means.values()), **(state.means if len(state.means) > 1 else {})}
+            first = [value for term, value in state.means.items() if " " not in term]
+            values = {"loss": sum(first), **(state.means if len(state.means) > 1 else {})}
             state.told.append((state.step, values))
             progress(state.step, budget.steps, **values)
         if checkpoint is not None and checkpoint.due():

@@ -92,7 +92,10 @@ class Lesson:
         return lighting.features(self.config, normal, roughness, view.posed, view.centre, lights, visible)
 
     def _image_terms(self, view: View, drawn: Tensor, target: Tensor, rng: np.random.Generator) -> dict[str, Tensor]:
-        """L1 and, on a random patch, perceptual loss of the final picture and, weighted, of the physical branch's."""
+        """L1 and perceptual loss of the final picture and, weighted, of the physical branch's.
+
+        The perceptual loss looks at a random patch of one of the pictures: its gradient is that of all on average.
+        """
         config = self.config
         difference = (drawn - target).abs()
         if config.focus:
@@ -102,8 +105,9 @@ class Lesson:
         terms = {"l1": weights @ l1}
         if config.perceptual:
             rows, columns = patch(target.shape[1], target.shape[2], rng)
-            losses = perceptual_loss(drawn[:, :, rows, columns], target[:, rows, columns])
-            terms["perceptual"] = config.perceptual * (weights @ losses)
+            one = int(rng.integers(len(drawn)))
+            (loss,) = perceptual_loss(drawn[one : one + 1, :, rows, columns], target[:, rows, columns])
+            terms["perceptual"] = config.perceptual * len(drawn) * weights[one] * loss
         return terms
 
     def _condition(self, view: View, lights: LightSet, visible: Tensor | None) -> Tensor:
