@@ -25,7 +25,8 @@ _LIGHTS = 128
 """Most lights in a call. Fewer are padded to a power of two from 8 on, so that few shapes are compiled."""
 
 _BLOCK = 2048
-"""Texels in a block: the two dozen buffers of the loop take 200 kB."""
+"""Texels in a block: the two dozen buffers of the loop take 200 kB. The last block is filled up with copies of the last
+texel, so that few shapes are compiled: every camera sees another number of texels."""
 
 
 @cache
@@ -88,20 +89,24 @@ def _over_lights(
     assert directions is not None and irradiance is not None
     where, power = (values.detach().numpy() for values in (directions, irradiance))
     seen = None if visibility is None else visibility.detach().numpy()
-    count = len(maps[2])
-    block = min(_BLOCK, count)
+    count, block = len(maps[2]), _BLOCK
     blocks = -(-count // block)
+    spare = blocks * block - count
     workers = min(torch.get_num_threads(), blocks)
     edges = [blocks * worker // workers for worker in range(workers + 1)]
     kernel = _kernel(model, block, bool(gradient))
     reaches = _reaches(maps[0].detach(), where, seen, block, blocks)
+
+    def filled(values: Array, mode: Any = "edge") -> Array:
+        return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, spare)], mode) if spare else values
+
     with jax.enable_x64(True):
-        texels = [jnp.asarray(np.ascontiguousarray(values.detach().numpy())) for values in (*maps, *gradient)]
-        parts = [jnp.zeros((7 if gradient else 3 * RESPONSES[model], count), jnp.float32)] * workers
+        texels = [jnp.asarray(np.ascontiguousarray(filled(values.detach().numpy()))) for values in (*maps, *gradient)]
+        parts = [jnp.zeros((7 if gradient else 3 * RESPONSES[model], count + spare), jnp.float32)] * workers
         for start in range(0, len(where), _LIGHTS):
             some = slice(start, start + _LIGHTS)
             order = np.argsort(~reaches[:, some], axis=1, kind="stable")  # those that reach the block first, in order
-            lit = np.ones((1, 1), dtype=bool) if seen is None else _padded(seen[some])
+            lit = np.ones((1, 1), dtype=bool) if seen is None else filled(_padded(seen[some]), "constant")
             lamps = [_padded(where[some]), _padded(power[some]), lit, order, reaches[:, some].sum(axis=1)]
             given = [jnp.asarray(values) for values in lamps]
 
@@ -113,7 +118,7 @@ def _over_lights(
             parts = list(_pool().map(part, *shares)) if workers > 1 else list(map(part, *shares))
     if not gradient:
         note("texel-light pairs", len(where) * count, (reaches.size - int(reaches.sum())) * count // blocks)
-    return np.array(sum(parts[1:], start=parts[0]))
+    return np.array(sum(parts[1:], start=parts[0])[:, :count])
 
 
 def _reaches(normal: Tensor, where: Array, seen: Array | None, block: int, blocks: int) -> Array:
@@ -122,9 +127,8 @@ def _reaches(normal: Tensor, where: Array, seen: Array | None, block: int, block
     Without visibility the normals of a block are known to lie in a cone; a light that is below the horizon of the
     whole cone reaches none.
     """
-    count = normal.shape[1]
     reaches = np.ones((blocks, len(where)), dtype=bool)
-    starts = np.minimum(np.arange(blocks) * block, count - block)
+    starts = np.arange(blocks) * block
     if seen is not None and skips().occluded:
         for index, start in enumerate(starts):
             reaches[index] = seen[:, start : start + block].any(axis=1)
@@ -226,11 +230,8 @@ def _kernel(model: str, block: int, backward: bool) -> Any:
     def add(  # type: ignore[no-untyped-def]
         maps, directions, power, seen, order, reached, sums, first, last
     ):
-        count = sums.shape[1]
-
         def one(index, sums):  # type: ignore[no-untyped-def]
-            start = index * block
-            at = jnp.minimum(start, count - block)  # the last block reaches back into the one before it
+            at = index * block
 
             def local(values):  # type: ignore[no-untyped-def]
                 if values.ndim == 1:
@@ -262,9 +263,8 @@ def _kernel(model: str, block: int, backward: bool) -> Any:
                 texel = prepare(normal, view, roughness)
                 zero = [jnp.zeros(block, single)] * sums.shape[0]
                 found = jnp.stack(lax.fori_loop(0, reached[index], lambda i, s: plus(s, responses(i, texel)), zero))
-            fresh = jnp.arange(block) >= start - at  # what the block before it has not shaded already
             before = lax.dynamic_slice(sums, (0, at), (sums.shape[0], block))
-            return lax.dynamic_update_slice(sums, before + jnp.where(fresh, found, 0.0), (0, at))
+            return lax.dynamic_update_slice(sums, before + found, (0, at))
 
         return lax.fori_loop(first, last, one, sums)
 

@@ -54,7 +54,7 @@ class Config:
     """
 
     texture: int = 128
-    steps: int = 2400
+    steps: int = 2000
     batch: int = 1
     rate: tuple[float, float] = (5e-4, 5e-5)
     warmup: int = 300

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from handbench.light.environment import solid_angles
 from handbench.light.lightset import light_samples
 from handbench.method import Recording
 from handbench.methods.ablations import ABLATIONS
@@ -69,8 +70,6 @@ def test_the_released_form_draws_and_is_not_additive(training: Recording, enrolm
 def test_an_environment_map_keeps_power_and_direction(mini) -> None:
     frame = next(f for f in mini.frames() if f.lighting == "env-brightday")
     lights = light_samples(frame.light, (16, 32))
-    from handbench.light.environment import solid_angles
-
     radiance = environment_map(lights, (16, 32)).double().numpy()
     power = (radiance * solid_angles(16, 32)).sum(axis=(1, 2))
     assert np.allclose(power, lights.irradiance.sum(axis=0), rtol=1e-6)

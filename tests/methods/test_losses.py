@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 from handbench.methods.nets.discriminator import Discriminator, discriminator_loss, generator_loss
-from handbench.methods.nets.perceptual import perceptual_loss
+from handbench.methods.nets.perceptual import PATCH, patch, perceptual_loss
+from handbench.metrics import Pair, metric, networks
 
 
 def test_perceptual_loss_is_zero_for_equal_pictures_and_grows_with_blur() -> None:
@@ -21,6 +23,27 @@ def test_perceptual_loss_takes_small_pictures_and_has_gradients() -> None:
     loss = perceptual_loss(small, torch.rand(3, 9, 5)).sum()
     loss.backward()
     assert small.grad is not None and small.grad.isfinite().all() and small.grad.any()
+
+
+def test_scoring_first_does_not_spoil_training() -> None:
+    """Metric and loss share the network's weights: what the metric loads must take part in gradients."""
+    networks.weights.cache_clear()
+    truth = np.full((64, 64, 3), 0.5, dtype=np.float32)
+    metric("lpips-alex")([Pair(truth, truth, np.ones((64, 64), dtype=np.float32))])
+    picture = torch.rand(1, 3, 64, 64, generator=torch.Generator().manual_seed(0)).requires_grad_()
+    perceptual_loss(picture, torch.rand(3, 64, 64)).sum().backward()
+    assert picture.grad is not None and picture.grad.any()
+
+
+def test_patches_are_inside_and_reach_every_pixel() -> None:
+    rng = np.random.default_rng(0)
+    seen = np.zeros((80, 100), dtype=bool)
+    for _ in range(400):
+        rows, columns = patch(80, 100, rng)
+        seen[rows, columns] = True
+        assert seen[rows, columns].shape == (PATCH, PATCH)
+    assert seen.any(axis=0).all() and seen.any(axis=1).all()
+    assert np.ones((20, 30))[patch(20, 30, rng)].shape == (20, 30)
 
 
 def test_the_hinge_rewards_margins_only() -> None:

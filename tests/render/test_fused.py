@@ -31,7 +31,7 @@ def test_fused_and_tiled_agree(scene, seen: str, model: str, monkeypatch: pytest
     visibility = {"bool": visible, "weights": 0.5 * visible, "none": None}[seen]
     tiled = light_features(*maps, visibility, model)
     monkeypatch.setattr(tiles, "_FUSE", 0)
-    monkeypatch.setattr(fused, "_BLOCK", 128)  # the last block overlaps the one before it
+    monkeypatch.setattr(fused, "_BLOCK", 128)  # the last block is not full
     monkeypatch.setattr(fused, "_LIGHTS", 32)  # and the lights need several calls
     fast = light_features(*maps, visibility, model)
     for one, other in zip(tiled, fast, strict=True):
