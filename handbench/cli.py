@@ -152,6 +152,8 @@ def _stress(arguments: argparse.Namespace) -> int:
     done = stress(arguments.out, arguments.methods, arguments.only, ["handbench", *sys.argv[1:]])
     _show(render(done.results, done.seconds))
     print(f"all cases: {done.path}")
+    if (arguments.out / "run.json").is_file():  # the folder of a run, whose page shows them
+        print(f"report: {importlib.import_module('handbench.reports').write_reports(arguments.out)['index.html']}")
     return 0 if done.passed else 1
 
 
@@ -162,9 +164,12 @@ def _speed(arguments: argparse.Namespace) -> int:
     with steps() as told:
         found = study(arguments.methods, arguments.quick, ["handbench", *sys.argv[1:]], told)
     path = write(arguments.out, found)
-    reports = importlib.import_module("handbench.reports.speed")
-    page = reports.write_speed_report(arguments.out)
-    _show(reports.render_speed(found))
+    speed = importlib.import_module("handbench.reports.speed")
+    if (arguments.out / "run.json").is_file():  # the folder of a run, whose page shows the study
+        page = importlib.import_module("handbench.reports").write_reports(arguments.out)["index.html"]
+    else:
+        page = speed.write_speed_report(arguments.out)
+    _show(speed.render_speed(found))
     print(f"raw repeats: {path}")
     print(f"report: {page}")
     return 0

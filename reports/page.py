@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import groupby
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from handbench.bench.laws import LINEAR
 
 from .aggregate import RESAMPLES
@@ -17,19 +15,13 @@ from .pictures import colour_stops, error_uri, image_uri, png_uri
 from .run import Run, machine
 from .speed import speed_section
 from .stress import stress_section
+from .template import environment
 
 
 def render_page(table: Table, run: Run, panels: Iterable[Panel], losses: Iterable[tuple[str, str, bytes]] = ()) -> str:
     """The HTML text of a run's table, panels and loss curves: (method, title, PNG). It holds no date, so the same run
     gives the same page."""
-    page = Environment(
-        loader=PackageLoader("handbench.reports"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page.filters.update(
+    page = environment(
         image_uri=image_uri,
         error_uri=error_uri,
         duration=duration,

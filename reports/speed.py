@@ -7,7 +7,6 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from rich.console import Group as Lines
 from rich.console import RenderableType
 from rich.table import Table as RichTable
@@ -18,6 +17,7 @@ from handbench.bench.store import writing
 from handbench.files import whole
 
 from .run import machine
+from .template import environment
 
 POSES = {"new": "new pose", "known": "known pose"}
 FOLDER = "report"
@@ -55,14 +55,7 @@ def speed_section(run_folder: Path) -> str | None:
 
 
 def _template(name: str, found: dict[str, Any], drawn: list[tuple[str, str, dict[str, bytes]]]) -> str:
-    page = Environment(
-        loader=PackageLoader("handbench.reports"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page.filters.update(percent=percent, duration=duration, cell=cell_text)
+    page = environment(percent=percent, duration=duration, cell=cell_text)
     shown = {name: (caption, base64.b64encode(images["png"]).decode()) for name, caption, images in drawn}
     return page.get_template(name).render(
         found=found,

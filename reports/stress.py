@@ -6,11 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from handbench.bench.stress.case import Result
 from handbench.bench.stress.record import FILE, SCHEMA, summaries
 from handbench.errors import InputError
+
+from .template import environment
 
 
 def stress_section(run_folder: Path) -> str | None:
@@ -24,14 +24,8 @@ def stress_section(run_folder: Path) -> str | None:
     record = _read(path)
     try:
         results = tuple(Result(**case) for case in record["cases"])
-        page = Environment(
-            loader=PackageLoader("handbench.reports"),
-            autoescape=True,
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
-        return page.get_template("stress.html").render(
+        page = environment().get_template("stress.html")
+        return page.render(
             families=[(line, [r for r in results if r.family == line.family]) for line in summaries(results)],
             failures=[result for result in results if not result.passed],
             total=len(results),

@@ -66,14 +66,15 @@ def _contents(run_folder: Path) -> dict[str, bytes]:
 
 
 def _digest(run_folder: Path) -> str:
-    """Of everything a report is made from: the plan, the cells, and the code and templates that show them."""
+    """Of all a report is made from: plan, cells, trainings, studies, and the code and templates that show them."""
     plan = read_plan(run_folder)
     plan["provenance"].pop("started", None)  # not shown: the same results give the same page
     digest = hashlib.sha256(json.dumps([handbench.__version__, plan], sort_keys=True).encode())
     here = Path(__file__).parent
     cells = (run_folder / "cells" / f"{key}.json" for key in plan["cells"])
     trainings = sorted((run_folder / "priors").glob("*/train.json"))
-    for path in (*sorted(here.glob("*.py")), *sorted((here / "templates").iterdir()), *cells, *trainings):
+    studies = [path for path in sorted(run_folder.glob("*.json")) if path.name != "run.json"]  # of speed and stress
+    for path in (*sorted(here.glob("*.py")), *sorted((here / "templates").iterdir()), *cells, *trainings, *studies):
         digest.update(f"\0{path.name}\0".encode() + (path.read_bytes() if path.is_file() else b""))
     return digest.hexdigest()
 

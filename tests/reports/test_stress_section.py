@@ -10,6 +10,7 @@ import pytest
 from handbench.bench.stress.case import Result
 from handbench.bench.stress.record import write_record
 from handbench.errors import InputError
+from handbench.reports import write_reports
 from handbench.reports.stress import stress_section
 
 RESULTS = (
@@ -72,3 +73,11 @@ def test_a_damaged_file_is_an_input_error(tmp_path: Path, text: str, told: str) 
     (tmp_path / "stress.json").write_text(text)
     with pytest.raises(InputError, match=told):
         stress_section(tmp_path)
+
+
+def test_a_study_in_the_folder_of_a_run_is_shown_on_its_page(small_run: Path) -> None:
+    before = write_reports(small_run)["index.html"].read_text(encoding="utf-8")
+    write_record(small_run, RESULTS, 12.3, ABOUT)
+    after = write_reports(small_run)["index.html"].read_text(encoding="utf-8")
+    assert "1 of 3 hard cases came out other than expected" not in before
+    assert "1 of 3 hard cases came out other than expected" in after

@@ -1,0 +1,20 @@
+"""The templates of pages and their sections: strict about names, safe about text."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+
+def environment(**filters: Any) -> Environment:
+    """The templates of this package with filters by name."""
+    made = Environment(
+        loader=PackageLoader("handbench.reports"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters.update(filters)
+    return made
