@@ -78,7 +78,8 @@ class Published:
 
 @dataclass(frozen=True)
 class Protocol:
-    """A protocol as its TOML file says it. `presets` maps a method to its preset, `preset` serves the others."""
+    """A protocol as its TOML file says it. `presets` maps methods, or patterns of them, to their presets,
+    `preset` serves the others."""
 
     name: str
     version: int
@@ -117,7 +118,10 @@ class Protocol:
         return self.trained if column.subjects == "trained" else self.unseen
 
     def preset_of(self, method: str) -> str:
-        return dict(self.presets).get(method, self.preset)
+        """The preset named for a method, or for the first pattern ("urhand-*") that fits it."""
+        named = dict(self.presets)
+        fitting = (preset for pattern, preset in self.presets if fnmatchcase(method, pattern))
+        return named.get(method) or next(fitting, self.preset)
 
     @cached_property
     def training_digest(self) -> str:

@@ -1,9 +1,4 @@
-"""What the networks are told of the light: shading features, or an environment map.
-
-A lighting is (D, C, N) at the covered texels for shading features: D differently coloured lights (one if the light
-is white, else one a colour channel, each of which answers for its own channel of the picture: supp. Eqs. 1-2 have a
-scalar L_i), C the diffuse and the specular feature.
-"""
+"""What the networks are told of the light: shading features, its power, or an environment map."""
 
 from __future__ import annotations
 

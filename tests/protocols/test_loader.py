@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -153,3 +154,12 @@ def test_published_numbers_are_read_and_change_no_digest():
 def test_published_numbers_that_fit_nothing_are_refused(changes, message):
     with pytest.raises(InputError, match=message):
         parse(published(**changes), "x")
+
+
+def test_a_pattern_gives_a_family_of_methods_its_preset() -> None:
+    smoke = PROTOCOLS.load("smoke")
+    assert smoke.preset_of("urhand") == smoke.preset_of("urhand-non-linear") == "smoke"
+    assert smoke.preset_of("phong") == "quick"
+    special = replace(smoke, presets=(("urhand-*", "smoke"), ("urhand-phong", "standard")))
+    assert special.preset_of("urhand-phong") == "standard"  # a name is stronger than a pattern
+    assert special.preset_of("urhand") == "quick"

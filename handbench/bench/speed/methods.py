@@ -100,7 +100,8 @@ def _settings(prior: Prior) -> list[tuple[str, str, Any]]:
     found: list[tuple[str, str, Any]] = []
     if hasattr(config, "texture") and _weightless(prior):
         found += [("texture", f"{side}^2 texels", side) for side in (config.texture // 2, config.texture * 2)]
-    if hasattr(config, "environment"):
+    # a network that takes the map itself is made for one size of it
+    if hasattr(config, "environment") and getattr(config, "encoder", None) != "environment":
         rows, columns = config.environment
         found += [("environment", f"{rows // 2}x{columns // 2} map", (rows // 2, columns // 2))]
     return found

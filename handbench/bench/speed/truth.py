@@ -10,16 +10,15 @@ independent directions, so what error is left is noise, which the two halves of 
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import binary_erosion
 
+from ...cache import cache_folder
 from ...errors import StorageError
 from ...files import whole
 from ...method import Progress, silent
@@ -71,7 +70,7 @@ def relative_rmse(found: Array, expected: Array) -> float:
 def truth(scene: Scene, directions: int = DIRECTIONS, grid: int = GRID, progress: Progress = silent) -> Truth:
     """The reference of a scene, from disk if it was made before. Takes about a minute otherwise."""
     key = hashlib.sha256(f"{_VERSION} {scene.digest} {directions} {grid}".encode()).hexdigest()[:24]
-    path = _folder() / f"{key}.npz"
+    path = cache_folder() / "speed" / f"{key}.npz"
     try:
         with np.load(path) as kept:
             return Truth(kept["pixels"], kept["values"], float(kept["noise"]))
@@ -85,11 +84,6 @@ def truth(scene: Scene, directions: int = DIRECTIONS, grid: int = GRID, progress
     except (StorageError, OSError):
         pass  # a cache that cannot be written only means computing again
     return found
-
-
-def _folder() -> Path:
-    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(cache) / "handbench" / "speed"
 
 
 def compute(scene: Scene, directions: int, grid: int, progress: Progress = silent, seed: int = 0) -> Truth:
