@@ -169,11 +169,17 @@ def speed_up_text(cell: dict[str, Any]) -> str:
     if cell["speed_up"] is None:
         return str(cell["reason"])
     sign = {"=": "", ">=": "≥ ", "<=": "≤ "}[cell["sign"]]
-    return f"{sign}{cell['speed_up']:.3g}×"
+    return f"{sign}{_digits(cell['speed_up'], 3)}×"
 
 
 def percent(share: float) -> str:
-    return "exact" if share == 0 else f"{100 * share:.2g} %"
+    return "exact" if share == 0 else f"{_digits(100 * share, 2)} %"
+
+
+def _digits(value: float, digits: int) -> str:
+    """A positive number with so many significant digits, never as a power of ten: "0.14", "4.21", "6,280"."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):,.0f}" if "e+" in text else text
 
 
 def duration(seconds: float) -> str:

@@ -76,16 +76,20 @@ class _Optimiser:
         self._parameters = player.parameters
         self._aliases = [nn.Parameter(_in_memory_order(p.detach())) for p in self._parameters]
         self.adam = torch.optim.Adam(self._aliases, lr=budget.rate[0], betas=budget.betas, fused=True)
+        self.adam.found_inf = torch.zeros(())  # type: ignore[attr-defined]
 
     def forget(self) -> None:
         for parameter in self._parameters:
             parameter.grad = None
 
-    def clip(self) -> float:
-        """The norm of the gradient, which is then at most `_CLIP`."""
+    def norm(self) -> float:
+        """The norm of the gradient; a step takes it divided by what it exceeds `_CLIP` by."""
         for parameter, alias in zip(self._parameters, self._aliases, strict=True):
             alias.grad = None if parameter.grad is None else _in_memory_order(parameter.grad)
-        return float(torch.nn.utils.clip_grad_norm_(self._aliases, _CLIP))
+        norm = torch.nn.utils.get_total_norm([alias.grad for alias in self._aliases if alias.grad is not None])
+        # by the kernel that reads the gradient anyway: clip_grad_norm_ is one more pass over all of memory
+        self.adam.grad_scale = (norm / _CLIP).clamp_min(1.0)  # type: ignore[attr-defined]
+        return float(norm)
 
     def step(self, rate: float) -> None:
         self.adam.param_groups[0]["lr"] = rate
@@ -163,7 +167,7 @@ def _step(
             for term, value in losses.items():
                 key = term if i == 0 else f"{player.name} {term}"
                 terms[key] = terms.get(key, 0.0) + float(value.detach()) / budget.batch
-    norms = [optimiser.clip() for optimiser in optimisers]
+    norms = [optimiser.norm() for optimiser in optimisers]
     if not np.isfinite([*terms.values(), *norms]).all():
         told = ", ".join(f"{term} {value:g}" for term, value in terms.items())
         size = " and ".join(f"{norm:g}" for norm in norms)
