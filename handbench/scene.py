@@ -266,11 +266,20 @@ class Observation:
 class Prediction:
     """A method's answer to a query: image (H, W, 3), linear, premultiplied, and alpha (H, W).
 
+    What it knows of the geometry it drew may come along: depth (H, W) in metres along the camera's z and normal
+    (H, W, 3), unit, in world space, both of the visible surface and zero where there is none; a mesh; joints (J, 3)
+    in metres. Depth and normal may be anything with a `shape` that numpy can read: they are worked out (`__array__`)
+    if something asks for them. Give what the method found; what it was given is no answer.
+
     Values are not checked for NaN here: a method that diverges must be seen, so scoring does it.
     """
 
     image: Array
     alpha: Array
+    depth: ArrayLike | None = None
+    normal: ArrayLike | None = None
+    mesh: Mesh | None = None
+    joints: Array | None = None
 
     def __post_init__(self) -> None:
         image = np.asarray(self.image, dtype=np.float32)
@@ -279,5 +288,16 @@ class Prediction:
             raise InputError(
                 f"prediction: image {image.shape} and alpha {alpha.shape} do not fit; expected (H, W, 3) and (H, W)"
             )
+        for name, channels in (("depth", ()), ("normal", (3,))):
+            value, expected = getattr(self, name), (*alpha.shape, *channels)
+            if value is not None and np.shape(value) != expected:
+                raise InputError(f"prediction: {name} has shape {np.shape(value)}, expected {expected} as its image")
+        if not isinstance(self.mesh, Mesh | None):
+            raise InputError(f"prediction: mesh is a {type(self.mesh).__name__}; give a handbench.scene.Mesh")
+        if self.joints is not None:
+            joints = np.asarray(self.joints, dtype=np.float64)
+            if joints.ndim != 2 or joints.shape[1] != 3:
+                raise InputError(f"prediction: joints have shape {joints.shape}, expected (n, 3)")
+            _set(self, "joints", joints)
         _set(self, "image", image)
         _set(self, "alpha", alpha)

@@ -19,8 +19,8 @@ class OracleAvatar(Avatar):
         frame = self._frames.get(query.key)
         if frame is None:
             raise Unsupported(f"the oracle only knows recorded frames, and {query.key} is not one of them")
-        observation = self._truth.observe(frame)
-        return Prediction(observation.image, observation.alpha)
+        seen = self._truth.observe(frame)
+        return Prediction(seen.image, seen.alpha, depth=seen.depth, normal=seen.normal, mesh=frame.mesh)
 
 
 class OraclePrior(Prior):

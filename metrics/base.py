@@ -8,13 +8,19 @@ signature   "psnr|region:box|space:srgb|scale:rgb|mask:alpha>0.5|peak:1|cap:100|
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from handbench.errors import InputError, NonFinite, Unsupported, unknown_name
 from handbench.registry import METRICS
 
-from .view import REGIONS, SCALES, SPACES, Pair, View, look
+from .pair import Pair
+from .view import ALPHA, REGIONS, SCALES, SPACES, Looks, View
 
 
 @dataclass(frozen=True)
@@ -32,35 +38,37 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Family:
-    """One way of measuring, before its options are chosen; a metric module defines one.
+class AnyFamily(ABC):
+    """One way of measuring, before its options are chosen: what `Family` and `PairFamily` share.
 
-    measure    the value of a view; may raise `Unsupported` with the reason there is none
-    regions, spaces, scales    the allowed values of the options, the default first
     terms      what else the signature must say, in order
     version    goes up whenever the same input would score differently
-    context    pixels around the region that the value depends on
-    least      width and height in pixels of the smallest image the metric is defined for
+    perfect    the value of a prediction that equals the truth, where there is one
     """
 
     name: str
     title: str
-    measure: Callable[[View], float]
+    measure: Callable[..., float]
     higher_is_better: bool
     unit: str = ""
     decimals: int = 3
-    regions: tuple[str, ...] = REGIONS
-    spaces: tuple[str, ...] = SPACES
-    scales: tuple[str, ...] = SCALES
     terms: tuple[str, ...] = ()
     version: int = 1
-    context: int = 0
-    least: int = 1
+    perfect: float | None = None
 
     @property
-    def options(self) -> dict[str, tuple[str, ...]]:
+    @abstractmethod
+    def options(self) -> Mapping[str, tuple[str, ...]]:
         """The allowed values of every option, the default first."""
-        return {"region": self.regions, "space": self.spaces, "scale": self.scales}
+
+    @property
+    @abstractmethod
+    def stated(self) -> tuple[str, ...]:
+        """What the signature says after the options."""
+
+    @abstractmethod
+    def value(self, looks: Looks, options: Mapping[str, str]) -> float:
+        """The value for a pair under the chosen options; raises `Unsupported` with the reason there is none."""
 
     def with_options(self, chosen: Mapping[str, str]) -> Metric:
         """The metric with the chosen options, the rest default. `InputError` for an unknown option or value."""
@@ -73,10 +81,73 @@ class Family:
 
 
 @dataclass(frozen=True)
+class Family(AnyFamily):
+    """A way of measuring pictures; an image metric's module defines one.
+
+    measure    the value of a view; may raise `Unsupported` with the reason there is none
+    regions, spaces, scales    the allowed values of the options, the default first
+    context    pixels around the region that the value depends on
+    least      width and height in pixels of the smallest image the metric is defined for
+    """
+
+    measure: Callable[[View], float]
+    regions: tuple[str, ...] = REGIONS
+    spaces: tuple[str, ...] = SPACES
+    scales: tuple[str, ...] = SCALES
+    context: int = 0
+    least: int = 1
+
+    @property
+    def stated(self) -> tuple[str, ...]:
+        return f"mask:alpha>{ALPHA:g}", *self.terms
+
+    @property
+    def options(self) -> Mapping[str, tuple[str, ...]]:
+        return {"region": self.regions, "space": self.spaces, "scale": self.scales}
+
+    def value(self, looks: Looks, options: Mapping[str, str]) -> float:
+        return self.measure(looks.view(options, self.context, self.least))
+
+
+@dataclass(frozen=True)
+class PairFamily(AnyFamily):
+    """A way of measuring that looks at a pair as it is: geometry, or pictures by rules of its own.
+
+    measure    the value of a pair under the chosen options; may raise `Unsupported` with the reason there is none
+    choices    the allowed values of each option, the default first: {"threshold": ("2mm", "1mm", "5mm")}
+    needs      fields of the pair that must be there; arrays among them must be finite, or the score has no value
+    """
+
+    measure: Callable[[Pair, Mapping[str, str]], float]
+    choices: Mapping[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
+    needs: tuple[str, ...] = ("prediction",)
+
+    @property
+    def stated(self) -> tuple[str, ...]:
+        return self.terms
+
+    @property
+    def options(self) -> Mapping[str, tuple[str, ...]]:
+        return self.choices
+
+    def value(self, looks: Looks, options: Mapping[str, str]) -> float:
+        for name in self.needs:
+            found, (whose, _, channel) = getattr(looks.pair, name), name.partition("_")
+            what = channel or name  # "prediction" and "truth" are the pictures themselves
+            if found is None:
+                raise Unsupported(f"the {'method' if whose == 'prediction' else 'capture'} gives no {what}")
+            if hasattr(found, "__array__"):
+                bad = int(np.count_nonzero(~np.isfinite(_drawn(found, what))))
+                if bad:
+                    raise Unsupported(f"non-finite {what}: {bad} {'value' if bad == 1 else 'values'}")
+        return self.measure(looks.pair, options)
+
+
+@dataclass(frozen=True)
 class Metric:
     """A family with its options: calling it scores pairs, each alone, so order and company change nothing."""
 
-    family: Family
+    family: AnyFamily
     options: Mapping[str, str] = field(hash=False)
 
     @property
@@ -108,11 +179,15 @@ class Metric:
         return self.family.decimals
 
     @property
+    def perfect(self) -> float | None:
+        """The value of a prediction that equals the truth, where there is one."""
+        return self.family.perfect
+
+    @property
     def signature(self) -> str:
         """Everything that decides the value, e.g. "psnr|region:mask|space:srgb|scale:none|…|v1"."""
         chosen = (f"{option}:{value}" for option, value in self.options.items())
-        terms = ("mask:alpha>0.5", *self.family.terms)
-        return "|".join((self.family.name, *chosen, *terms, f"v{self.family.version}"))
+        return "|".join((self.family.name, *chosen, *self.family.stated, f"v{self.family.version}"))
 
     @property
     def _unusual(self) -> list[tuple[str, str]]:
@@ -120,14 +195,41 @@ class Metric:
 
     def __call__(self, pairs: Sequence[Pair]) -> list[Score]:
         """One score a pair, in the order of the pairs."""
-        return [self._score(pair) for pair in pairs]
+        return [self.score(Looks(pair)) for pair in pairs]
 
-    def _score(self, pair: Pair) -> Score:
+    def score(self, looks: Looks) -> Score:
+        """The score of one pair, sharing what other metrics have already computed of it."""
         try:
-            value = self.family.measure(look(pair, self.options, self.family.context, self.family.least))
+            value = self.family.value(looks, self.options)
         except Unsupported as reason:
             return Score(None, str(reason))
         return Score(float(value)) if math.isfinite(value) else Score(None, f"{self.family.title} is {value}")
+
+
+def scores(metrics: Sequence[Metric], pairs: Iterable[Pair]) -> list[list[Score]]:
+    """For each pair the scores of all metrics, in the order of the metrics: what each alone would say, but faster.
+
+    What several metrics need of a pair is computed once, and dropped with the pair.
+    """
+    rows = []
+    for pair in pairs:
+        looks = Looks(pair)
+        rows.append([metric.score(looks) for metric in metrics])
+    return rows
+
+
+def _drawn(found: Any, what: str) -> NDArray[Any]:
+    """An array, worked out if it is not one yet. That is the method's code: where it fails, there is no answer."""
+    if isinstance(found, np.ndarray):
+        return found
+    try:
+        drawn = np.asarray(found, np.float64)
+    except Exception as error:
+        trouble = " ".join(f"{type(error).__name__}: {error}".split())
+        raise Unsupported(f"the method's {what} could not be drawn: {trouble}") from error
+    if drawn.shape != found.shape:
+        raise Unsupported(f"the method's {what} has shape {drawn.shape}, announced was {found.shape}")
+    return drawn
 
 
 def metric(spec: str) -> Metric:
@@ -160,9 +262,9 @@ def from_signature(signature: str) -> Metric:
     return found
 
 
-def _family(name: str) -> Family:
+def _family(name: str) -> AnyFamily:
     family = METRICS.load(name)
-    if not isinstance(family, Family):
+    if not isinstance(family, AnyFamily):
         raise InputError(
             f"the metric plug-in {name!r} is a {type(family).__name__}, expected a handbench.metrics.Family"
         )

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from safetensors.torch import load_file
 from torch import Tensor
 from torch.nn.functional import conv2d, max_pool2d
@@ -46,9 +49,12 @@ STAGES = {
 
 
 @cache
-def weights(network: str) -> dict[str, Tensor]:
-    """The float32 weights of "alex" or "vgg": conv{i}.weight, conv{i}.bias, head{i}.weight (LPIPS v0.1)."""
-    file = FOLDER / f"lpips_{network}.safetensors"
+def weights(name: str) -> dict[str, Tensor]:
+    """The float32 tensors of a file in `weights/`: "lpips_alex", "lpips_vgg" or "dists".
+
+    Of a network conv{i}.weight (channels last), conv{i}.bias, and head{i}.weight of LPIPS v0.1.
+    """
+    file = FOLDER / f"{name}.safetensors"
     try:
         stored = load_file(file)
     except Exception as error:  # safetensors raises its own types for a damaged file
@@ -57,18 +63,28 @@ def weights(network: str) -> dict[str, Tensor]:
     return {n: v.contiguous(memory_format=torch.channels_last) if v.ndim == 4 else v for n, v in named.items()}
 
 
-def features(network: str, images: Tensor, stages: int | None = None) -> list[Tensor]:
+def batch(image: NDArray[np.float64]) -> Tensor:
+    """A picture (H, W, 3) as the networks take it: (1, 3, H, W) float32, channels last in memory."""
+    return torch.from_numpy(image.astype(np.float32)).permute(2, 0, 1)[None]
+
+
+def features(
+    network: str,
+    images: Tensor,
+    stages: int | None = None,
+    pool: Callable[[Tensor, int, int], Tensor] = max_pool2d,
+) -> list[Tensor]:
     """Features (N, C, h, w) after the first `stages` stages, or all of them, of images (N, 3, H, W) in [0, 1].
 
-    Images are at least 32 pixels wide and high.
+    Images are at least 32 pixels wide and high. `pool(x, window, stride)` makes maps smaller between stages.
     """
-    named = weights(network)
+    named = weights(f"lpips_{network}")
     shift, scale = (torch.tensor(v).view(1, 3, 1, 1) for v in (SHIFT, SCALE))
     x = ((2.0 * images - 1.0 - shift) / scale).contiguous(memory_format=torch.channels_last)
     taps, index = [], 0
     for stage in STAGES[network][:stages]:
         if stage.pool != (1, 1):
-            x = max_pool2d(x, *stage.pool)
+            x = pool(x, *stage.pool)
         for stride, padding in stage.convolutions:
             x = conv2d(x, named[f"conv{index}.weight"], named[f"conv{index}.bias"], stride, padding).relu_()
             index += 1

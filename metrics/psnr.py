@@ -22,4 +22,13 @@ def psnr(view: View) -> float:
     return CAP if error <= 10 ** (-CAP / 10) else -10.0 * math.log10(error)
 
 
-PSNR = Family("psnr", "PSNR", psnr, higher_is_better=True, unit="dB", decimals=2, terms=("peak:1", f"cap:{CAP:g}"))
+PSNR = Family(
+    "psnr",
+    "PSNR",
+    psnr,
+    higher_is_better=True,
+    unit="dB",
+    decimals=2,
+    terms=("peak:1", f"cap:{CAP:g}"),
+    perfect=CAP,
+)

@@ -1,4 +1,4 @@
-"""What a metric looks at: the pixels of a pair, aligned, in the metric's colour space, cut to its region.
+"""What an image metric looks at: the pixels of a pair, aligned, in the metric's colour space, cut to its region.
 
 Region   mask   the pixels with truth alpha > 0.5
          box    the bounding box of the mask and a margin of 8 pixels, within the image
@@ -16,12 +16,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handbench.errors import InputError, Unsupported
+from handbench.errors import Unsupported
+
+from .pair import Pair
 
 ALPHA = 0.5
 BOX_MARGIN = 8
@@ -30,43 +33,15 @@ REGIONS = ("mask", "box", "full")
 SPACES = ("srgb", "linear")
 SCALES = ("none", "scalar", "rgb")
 
+Box: TypeAlias = tuple[slice, slice]
+"""Rows and columns."""
 
-@dataclass(frozen=True, eq=False)
-class Pair:
-    """A prediction and its truth, (H, W, 3) linear premultiplied, and the truth's alpha `mask` (H, W).
-
-    Raises `InputError` if the shapes differ, if an image holds integers, or if the truth or the mask is not finite.
-    A prediction with NaN is no error: its score says so.
-    """
-
-    prediction: NDArray[Any]
-    truth: NDArray[Any]
-    mask: NDArray[Any]
-
-    def __post_init__(self) -> None:
-        prediction, truth, mask = (np.asarray(a) for a in (self.prediction, self.truth, self.mask))
-        if prediction.shape != truth.shape:
-            raise InputError(f"prediction {prediction.shape} and truth {truth.shape} differ in shape; draw at its size")
-        if truth.ndim != 3 or truth.shape[2] != 3 or truth.size == 0:
-            raise InputError(f"prediction and truth have shape {truth.shape}, expected (H, W, 3)")
-        if mask.shape != truth.shape[:2]:
-            raise InputError(f"mask {mask.shape} does not fit the truth {truth.shape}, expected {truth.shape[:2]}")
-        for name, image in (("prediction", prediction), ("truth", truth)):
-            if image.dtype.kind != "f":
-                raise InputError(
-                    f"{name} has dtype {image.dtype}; give linear floating-point values, not display codes"
-                )
-        for name, array in (("truth", truth), ("mask", mask)):
-            bad = int(np.count_nonzero(~np.isfinite(array)))
-            if bad:
-                raise InputError(f"{name} holds {bad} values that are NaN or infinite; the capture is damaged")
-        for name, array in (("prediction", prediction), ("truth", truth), ("mask", mask)):
-            object.__setattr__(self, name, array)
+_AROUND = 18  # pixels around the mask that are prepared at once: enough for `box` and FLIP's filter beyond it
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A cut of a pair: prediction and truth (h, w, 3) float64, and `support` (h, w), the pixels that count."""
+    """A cut of a pair: prediction and truth (h, w, 3) float64, read-only; `support` (h, w), the pixels that count."""
 
     prediction: NDArray[np.float64]
     truth: NDArray[np.float64]
@@ -74,54 +49,117 @@ class View:
     region: str
 
 
+class Looks:
+    """All views of one pair; what several of them need, such as the sRGB curve, is computed once."""
+
+    def __init__(self, pair: Pair) -> None:
+        self.pair = pair
+        self._prepared: dict[tuple[str, str, bool], tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+
+    def view(self, options: Mapping[str, str], context: int = 0, least: int = 1) -> View:
+        """The view under the options "region", "space" and "scale".
+
+        The cut reaches `context` pixels beyond the region where the image does, and is `least` pixels wide and high.
+        Raises `Unsupported` if the prediction is not finite, the needed mask is empty, or the image is too small.
+        """
+        if self.bad:
+            raise Unsupported(f"non-finite prediction: {self.bad} {'value' if self.bad == 1 else 'values'}")
+        height, width = self.mask.shape
+        if min(height, width) < least:
+            raise Unsupported(f"image of {height}x{width} pixels is smaller than the {least}x{least} the metric needs")
+        region, scale = options["region"], options["scale"]
+        if self.hand is None and (region != "full" or scale != "none"):
+            raise Unsupported(f"empty mask: no pixel with alpha > {ALPHA:g}")
+
+        if self.hand is None or region == "full":
+            inside = cut = (slice(0, height), slice(0, width))
+        else:
+            inside = _grown(self.hand, BOX_MARGIN if region == "box" else 0, 1, self.mask.shape)
+            cut = _grown(inside, context, least, self.mask.shape)
+        support = self.mask[cut]
+        if region != "mask":
+            support = np.zeros_like(support)
+            support[_within(inside, cut)] = True
+        prediction, truth = self._cut(cut, scale, options["space"])
+        return View(prediction, truth, support, region)
+
+    @cached_property
+    def bad(self) -> int:
+        """How many values of the prediction are NaN or infinite."""
+        return int(np.count_nonzero(~np.isfinite(self.pair.prediction)))
+
+    @cached_property
+    def mask(self) -> NDArray[np.bool_]:
+        """Where the hand is, (H, W)."""
+        return self.pair.mask > ALPHA
+
+    @cached_property
+    def hand(self) -> Box | None:
+        """The bounding box of the mask, None if it is empty."""
+        rows, columns = (np.flatnonzero(self.mask.any(axis=axis)) for axis in (1, 0))
+        if not len(rows):
+            return None
+        return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+    def _cut(self, cut: Box, scale: str, space: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Prediction and truth in the cut: read-only parts of what is prepared around the hand, or of all."""
+        whole = (slice(0, self.mask.shape[0]), slice(0, self.mask.shape[1]))
+        around = whole if self.hand is None else _grown(self.hand, _AROUND, 1, self.mask.shape)
+        if not all(big.start <= small.start and small.stop <= big.stop for big, small in zip(around, cut, strict=True)):
+            around = whole
+        key = (scale, space, around == whole)
+        if key not in self._prepared:
+            self._prepared[key] = self._prepare(around, scale, space)
+        prediction, truth = self._prepared[key]
+        part = _within(cut, around)
+        return prediction[part], truth[part]
+
+    def _prepare(self, cut: Box, scale: str, space: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        prediction, truth = (image[cut].astype(np.float64) for image in (self.pair.prediction, self.pair.truth))
+        if scale != "none":
+            inside = self.mask[cut]
+            prediction *= _factor(prediction[inside], truth[inside], scale)
+        if space == "srgb":
+            prediction, truth = srgb(prediction), srgb(truth)
+        for image in (prediction, truth):
+            image.flags.writeable = False
+        return prediction, truth
+
+
 def look(pair: Pair, options: Mapping[str, str], context: int = 0, least: int = 1) -> View:
-    """The view of a pair under the options "region", "space" and "scale".
-
-    The cut reaches `context` pixels beyond the region where the image does, and is `least` pixels wide and high.
-    Raises `Unsupported` if the prediction is not finite, the needed mask is empty, or the image is too small.
-    """
-    bad = int(np.count_nonzero(~np.isfinite(pair.prediction)))
-    if bad:
-        raise Unsupported(f"non-finite prediction: {bad} {'value' if bad == 1 else 'values'}")
-    height, width = pair.mask.shape
-    if min(height, width) < least:
-        raise Unsupported(f"image of {height}x{width} pixels is smaller than the {least}x{least} the metric needs")
-    mask = pair.mask > ALPHA
-    region, scale = options["region"], options["scale"]
-    if not mask.any() and (region != "full" or scale != "none"):
-        raise Unsupported(f"empty mask: no pixel with alpha > {ALPHA:g}")
-
-    support = mask
-    if region != "mask":
-        support = np.zeros_like(mask)
-        support[_box(mask, BOX_MARGIN) if region == "box" else ...] = True
-    cut = _box(support, context, least)
-
-    prediction, truth, mask = pair.prediction[cut].astype(np.float64), pair.truth[cut].astype(np.float64), mask[cut]
-    if scale != "none":
-        prediction = prediction * _factor(prediction[mask], truth[mask], scale)
-    if options["space"] == "srgb":
-        prediction, truth = srgb(prediction), srgb(truth)
-    return View(prediction, truth, support[cut], region)
+    """The one view of a pair, see `Looks.view`."""
+    return Looks(pair).view(options, context, least)
 
 
 def srgb(linear: NDArray[Any]) -> NDArray[Any]:
     """Linear Rec. 709 values, any shape, clipped to [0, 1] and encoded for display (IEC 61966-2-1)."""
     x = np.clip(linear, 0.0, 1.0)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.power(np.maximum(x, 0.0031308), 1 / 2.4) - 0.055)
+    dark = x <= 0.0031308
+    shown = np.maximum(x, 0.0031308)  # in place from here on: large arrays are slow to come by
+    np.power(shown, 1 / 2.4, out=shown)
+    shown *= 1.055
+    shown -= 0.055
+    np.multiply(x, 12.92, out=shown, where=dark)
+    return shown
 
 
-def _box(support: NDArray[np.bool_], margin: int = 0, least: int = 1) -> tuple[slice, slice]:
-    """Rows and columns of the bounding box, grown by the margin, then to the least size, within the image."""
-    cuts = []
-    for axis in (0, 1):
-        size = support.shape[axis]
-        inside = np.flatnonzero(support.any(axis=1 - axis))
-        first, last = max(int(inside[0]) - margin, 0), min(int(inside[-1]) + 1 + margin, size)
-        lack = max(least - (last - first), 0)
-        first = min(max(first - lack // 2, 0), size - (last - first) - lack)
-        cuts.append(slice(first, max(last, first + least)))
-    return cuts[0], cuts[1]
+def _grown(box: Box, margin: int, least: int, shape: tuple[int, ...]) -> Box:
+    """The box with a margin, then of the least size, within an image of `shape`."""
+    rows, columns = (_grown_side(side, margin, least, size) for side, size in zip(box, shape, strict=True))
+    return rows, columns
+
+
+def _grown_side(side: slice, margin: int, least: int, size: int) -> slice:
+    first, last = max(side.start - margin, 0), min(side.stop + margin, size)
+    lack = max(least - (last - first), 0)
+    first = min(max(first - lack // 2, 0), size - (last - first) - lack)
+    return slice(first, max(last, first + least))
+
+
+def _within(box: Box, outer: Box) -> Box:
+    """A box in the coordinates of one that holds it."""
+    rows, columns = (slice(b.start - o.start, b.stop - o.start) for b, o in zip(box, outer, strict=True))
+    return rows, columns
 
 
 def _factor(prediction: NDArray[np.float64], truth: NDArray[np.float64], scale: str) -> NDArray[np.float64]:

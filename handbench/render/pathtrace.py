@@ -108,11 +108,7 @@ class PathTracer:
     def gbuffer(self, surface: TracedSurface, camera: Camera, spp: int) -> GBuffer:
         """Coverage and geometry averaged over the covered of sqrt(spp)² samples; uv from the one nearest the centre."""
         raster = rasterise(surface.mesh, camera, max(1, math.isqrt(spp)))
-        alpha = raster.alpha
-        normal = raster.mean(raster.normal)
-        normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12)
-        depth = raster.mean(raster.depth[:, None])[..., 0] / np.maximum(alpha, 1e-12)
-        return GBuffer(alpha, normal, depth, _central_uv(raster))
+        return GBuffer(raster.alpha, raster.normal_map(), raster.depth_map(), _central_uv(raster))
 
     def _load(self, surface: TracedSurface) -> None:
         if surface is not self._surface:

@@ -63,6 +63,15 @@ class Raster:
         image = np.stack(sums, axis=-1) / self.supersample**2
         return image.astype(np.float32).reshape(self.camera.height, self.camera.width, -1)
 
+    def depth_map(self) -> Array:
+        """Mean depth (H, W) float32 of each pixel's covered subsamples, metres along z; zero where there are none."""
+        return self.mean(self.depth[:, None])[..., 0] / np.maximum(self.alpha, 1e-12)
+
+    def normal_map(self) -> Array:
+        """Mean direction (H, W, 3) float32 of each pixel's smooth normals, unit, in the world; zero where none."""
+        normal = self.mean(self.normal)
+        return normal / np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12)
+
     def attribute(self, attribute: Array) -> Array:
         """The premultiplied image (H, W, C) of a vertex attribute (V, C)."""
         return self.mean(self._at_samples(attribute[self.mesh.topology.faces[self.face]]))

@@ -18,9 +18,10 @@ from handbench.metrics import Pair, metric
 
 lpips = importlib.import_module("handbench.metrics.lpips")
 networks = importlib.import_module("handbench.metrics.networks")
+truths = importlib.import_module("handbench.metrics.truths")
 
 # From the original float32 weights, in float64 with jax.lax convolutions (NHWC, HWIO, as stored in the pickles) and
-# reduce_window pooling: none of the product's code. float16 weights and float16 features may move them by 4e-5.
+# reduce_window pooling: none of the product's code. float16 weights may move them by 4e-5.
 GOLDEN = {"alex": (0.0126896, 0.3676675), "vgg": (0.0398622, 0.5442731)}  # waves(0.4), checks() against waves()
 
 
@@ -65,17 +66,17 @@ def test_published_values(network: str, published: tuple[float, float]) -> None:
 def test_a_remembered_truth_changes_nothing_and_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     chosen = metric("lpips-alex")
     pairs = [whole(checks(), waves(phase)) for phase in (0.0, 0.3, 0.6, 0.0)]
-    lpips._truths.clear()
+    truths._kept.clear()
     fresh = chosen(pairs)
-    assert len(lpips._truths) == 3
-    monkeypatch.setattr(lpips, "_of_truth", lambda network, image: lpips._normalised(network, image))
+    assert len(truths._kept) == 3
+    monkeypatch.setattr(lpips, "remembered", lambda name, image, compute: compute(image))
     assert chosen(pairs) == fresh
     monkeypatch.undo()
     assert chosen(pairs) == fresh
-    one = sum(t.nbytes for t in next(iter(lpips._truths.values())))
-    monkeypatch.setattr(lpips, "CACHE_BYTES", 2 * one)
+    one = sum(t.nbytes for t in next(iter(truths._kept.values())))
+    monkeypatch.setattr(truths, "CACHE_BYTES", 2 * one)
     assert chosen([whole(checks(), waves(0.9))])[0].value is not None
-    assert len(lpips._truths) == 2
+    assert len(truths._kept) == 2
 
 
 def test_range_is_not_left_to_the_caller() -> None:

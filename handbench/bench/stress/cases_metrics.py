@@ -1,10 +1,11 @@
-"""Every registered metric on equal, damaged, tiny, huge and empty images."""
+"""Every registered metric of pictures on equal, damaged, tiny, huge and empty images."""
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -16,81 +17,103 @@ from .outcome import Compared, accurate, equal, finite, finite_or, refused
 
 FAMILY = "metrics"
 SIZE = 40
-
-
-BEST = {"psnr": 100.0, "ssim": 1.0, "lpips-alex": 0.0, "lpips-vgg": 0.0}
-"""Of equal images."""
+LARGE = 176
+"""For metrics that do not say how large a picture they need."""
 
 
 def cases() -> Iterator[Case]:
-    for name in METRICS.entries():
-        for label, prediction in _predictions().items():
-            yield Case(FAMILY, f"{name}, {label}", finite(), partial(_score, name, prediction))
-        for label, prediction in _damaged().items():
-            yield Case(FAMILY, f"{name}, {label}", refused(Unsupported), partial(_score, name, prediction))
-        for label, mask in _masks().items():
-            yield Case(FAMILY, f"{name}, {label}", finite_or(Unsupported), partial(_score, name, image(), mask))
-        yield Case(FAMILY, f"{name}, image of one pixel", finite_or(Unsupported), partial(_tiny, name))
-        for label, inputs in _broken().items():
-            yield Case(FAMILY, f"{name}, {label}", refused(InputError), partial(_pair_score, name, *inputs))
-        if name in BEST:
-            yield Case(FAMILY, f"{name}, equal images", equal(1e-6), partial(_perfect, name), "the best value")
-            empty = partial(_score, f"{name}:region=box", image(), np.zeros((SIZE, SIZE)))
-            yield Case(FAMILY, f"{name}, empty mask", refused(Unsupported), empty)
-            scaled = partial(_score, f"{name}:scale=rgb", 1e-8 * image())
-            yield Case(FAMILY, f"{name}, scaled up from 1e-8", finite(), scaled)
-            black = partial(_score, f"{name}:scale=rgb", 0.0 * image())
-            yield Case(FAMILY, f"{name}, nothing to scale", finite(), black)
+    for name in filter(_of_pictures, METRICS.entries()):
+        yield from _of(name)
     yield Case(FAMILY, "psnr of a small error", accurate(1e-9), partial(_psnr, 1e-4), "numpy float64")
     yield Case(FAMILY, "psnr of radiance 1e8", accurate(1e-9), partial(_psnr, 1e8), "numpy float64")
     yield Case(FAMILY, "psnr, scale found again", equal(1e-5), _scale, "the cap")
 
 
-def image() -> Array:
+def _family(name: str) -> Any:
+    try:
+        return METRICS.load(name)
+    except InputError:
+        return None  # a broken plug-in: its cases say so
+
+
+def _of_pictures(name: str) -> bool:
+    """Whether a metric looks at the pictures of a pair and at nothing else."""
+    return set(getattr(_family(name), "needs", ())) <= {"prediction", "truth"}
+
+
+def _of(name: str) -> Iterator[Case]:
+    """Cases of a metric, on pictures as large as it needs."""
+    family = _family(name)
+    size = max(SIZE, getattr(family, "least", LARGE))
+    picture, ones = image(size), np.ones((size, size))
+    defined = finite() if hasattr(family, "least") else finite_or(Unsupported)  # others may have rules of their own
+    for label, prediction in _predictions(picture).items():
+        yield Case(FAMILY, f"{name}, {label}", defined, partial(_score, name, prediction, picture, ones))
+    for label, prediction in _damaged(picture).items():
+        yield Case(FAMILY, f"{name}, {label}", refused(Unsupported), partial(_score, name, prediction, picture, ones))
+    for label, mask in _masks(size).items():
+        yield Case(FAMILY, f"{name}, {label}", finite_or(Unsupported), partial(_score, name, picture, picture, mask))
+    yield Case(FAMILY, f"{name}, image of one pixel", finite_or(Unsupported), partial(_tiny, name))
+    for label, inputs in _broken(picture).items():
+        yield Case(FAMILY, f"{name}, {label}", refused(InputError), partial(_score, name, *inputs))
+    perfect = getattr(family, "perfect", None)
+    if perfect is not None:
+        best = partial(_equal, name, picture, perfect)
+        yield Case(FAMILY, f"{name}, equal images", equal(1e-6), best, "the best value")
+    if "scale" in getattr(family, "options", ()):
+        for label, prediction, mask, expected in (
+            ("empty mask", picture, 0 * ones, refused(Unsupported)),
+            ("scaled up from 1e-8", 1e-8 * picture, ones, finite()),
+            ("nothing to scale", 0.0 * picture, ones, finite()),
+        ):
+            run = partial(_score, f"{name}:scale=rgb", prediction, picture, mask)
+            yield Case(FAMILY, f"{name}, {label}", expected, run)
+
+
+def image(size: int = SIZE) -> Array:
     """A smooth picture in [0, 1], float32."""
-    y, x = np.mgrid[:SIZE, :SIZE] / SIZE
+    y, x = np.mgrid[:size, :size] / size
     return np.stack([x, y, 0.5 + 0.5 * np.sin(9 * x * y)], axis=-1).astype(np.float32)
 
 
-def _predictions() -> dict[str, Array]:
-    hot = image().copy()
+def _predictions(picture: Array) -> dict[str, Array]:
+    hot = picture.copy()
     hot[20, 20] = 1e8
     return {
-        "black prediction": 0.0 * image(),
-        "prediction of 1e8": np.full_like(image(), 1e8),
+        "black prediction": 0.0 * picture,
+        "prediction of 1e8": np.full_like(picture, 1e8),
         "one hot pixel": hot,
-        "negative prediction": -image(),
-        "half precision": image().astype(np.float16),
-        "greatest float32": np.full_like(image(), np.finfo(np.float32).max),
+        "negative prediction": -picture,
+        "half precision": picture.astype(np.float16),
+        "greatest float32": np.full_like(picture, np.finfo(np.float32).max),
     }
 
 
-def _damaged() -> dict[str, Array]:
-    nan, infinite = image().copy(), image().copy()
+def _damaged(picture: Array) -> dict[str, Array]:
+    nan, infinite = picture.copy(), picture.copy()
     nan[3, 4, 1], infinite[3, 4, 1] = np.nan, np.inf
     return {"prediction with NaN": nan, "prediction with infinity": infinite}
 
 
-def _masks() -> dict[str, Array]:
-    one, corner = np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
+def _masks(size: int) -> dict[str, Array]:
+    one, corner = np.zeros((size, size)), np.zeros((size, size))
     one[17, 23] = corner[0, 0] = 1.0
     return {"mask of one pixel": one, "mask of one pixel in the corner": corner, "half-covered mask": one * 0 + 0.5}
 
 
-def _broken() -> dict[str, tuple[Array, Array, Array]]:
-    ones = np.ones((SIZE, SIZE))
-    nan = image().copy()
+def _broken(picture: Array) -> dict[str, tuple[Array, Array, Array]]:
+    ones, nan = np.ones(picture.shape[:2]), picture.copy()
     nan[3, 4, 1] = np.nan
     return {
-        "truth with NaN": (image(), nan, ones),
-        "mask with NaN": (image(), image(), ones * np.nan),
-        "prediction of another size": (image()[:-1], image(), ones),
-        "display codes": ((255 * image()).astype(np.uint8), image(), ones),
-        "images without pixels": (image()[:0], image()[:0], ones[:0]),
+        "truth with NaN": (picture, nan, ones),
+        "mask with NaN": (picture, picture, ones * np.nan),
+        "prediction of another size": (picture[:-1], picture, ones),
+        "display codes": ((255 * picture).astype(np.uint8), picture, ones),
+        "images without pixels": (picture[:0], picture[:0], ones[:0]),
     }
 
 
-def _pair_score(name: str, prediction: Array, truth: Array, mask: Array) -> float:
+def _score(name: str, prediction: Array, truth: Array, mask: Array) -> float:
     """The value; a score without one raises its reason, as the error that a method would raise."""
     metrics = importlib.import_module(METRICS.package)
     (score,) = metrics.metric(name)([metrics.Pair(prediction, truth, mask)])
@@ -99,24 +122,22 @@ def _pair_score(name: str, prediction: Array, truth: Array, mask: Array) -> floa
     return float(score.value)
 
 
-def _score(name: str, prediction: Array, mask: Array | None = None) -> float:
-    return _pair_score(name, prediction, image(), np.ones((SIZE, SIZE)) if mask is None else mask)
-
-
-def _perfect(name: str) -> Compared:
-    return Compared(_score(name, image()), BEST[name], least=1.0)
+def _equal(name: str, picture: Array, perfect: float) -> Compared:
+    return Compared(_score(name, picture, picture, np.ones(picture.shape[:2])), perfect, least=1.0)
 
 
 def _tiny(name: str) -> float:
     one = np.full((1, 1, 3), 0.5)
-    return _pair_score(name, one, one, np.ones((1, 1)))
+    return _score(name, one, one, np.ones((1, 1)))
 
 
 def _psnr(off: float) -> Compared:
     prediction = image().astype(np.float64) + off
-    value = _pair_score("psnr:space=linear", prediction, image(), np.ones((SIZE, SIZE)))
-    return Compared(value, -20 * np.log10(off), least=1.0)
+    return Compared(
+        _score("psnr:space=linear", prediction, image(), np.ones((SIZE, SIZE))), -20 * np.log10(off), least=1.0
+    )
 
 
 def _scale() -> Compared:
-    return Compared(_score("psnr:scale=scalar", 1e-6 * image().astype(np.float64)), 100.0)
+    prediction = 1e-6 * image().astype(np.float64)
+    return Compared(_score("psnr:scale=scalar", prediction, image(), np.ones((SIZE, SIZE))), 100.0)

@@ -1,0 +1,227 @@
+"""Two surfaces compared: distances of points spread over each from the nearest point of the other.
+
+Points are spread evenly by area, `POINTS` of them with a seed, and are measured to triangles, not to other points:
+the same surface has distance zero however it is sampled or triangulated. Triangles without area are left out.
+
+surface-mean, surface-p95   of points of the truth from the prediction, as a scan is compared with a model
+chamfer                     the mean of the two mean distances, not squared
+hausdorff                   the greatest distance either way, of the points and of the corners of all triangles
+fscore                      F-score of Knapitsch et al., "Tanks and Temples", 2017: the harmonic mean of the shares of
+                            each surface that lie within a threshold of the other
+mesh-normal                 mean angle between the normals at points and at the nearest points, mean of both ways: the
+                            normal consistency of Mescheder et al., "Occupancy Networks", 2019, as an angle and with
+                            its sign, so that a surface inside out is 180 degrees off. Normals are smooth: the nearest
+                            point is often on an edge, where a face's own would be a matter of chance
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from handbench.errors import InputError, Unsupported
+from handbench.render.surface import vertex_normals
+from handbench.scene import Array, Mesh
+
+from ..base import PairFamily
+from ..pair import Pair
+from .angles import angles
+
+POINTS, SEED = 20_000, 0
+_MM = 1000.0
+_FAR = 1e6
+
+
+class Surface:
+    """The triangles of a mesh that have an area: vertices (V, 3), faces (F, 3) with F > 0.
+
+    Raises `InputError` if there are none, and for a mesh that reaches further than single precision can compare.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.vertices, faces = mesh.vertices, mesh.topology.faces
+        reach = float(np.abs(self.vertices).max(initial=0.0))
+        if reach > _FAR:
+            raise InputError(
+                f"mesh: it reaches {reach:.3g} m from the origin, farther than {_FAR:g} m; lengths are metres"
+            )
+        a, b, c = (self.vertices[faces[:, k]] for k in range(3))
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        if not (area > 0).any():
+            raise InputError(f"mesh: none of its {len(faces)} faces has an area; give a mesh with a surface")
+        self.faces, self._area = faces[area > 0], area[area > 0]
+
+    def at(self, face: Array, u: Array, v: Array) -> tuple[Array, Array]:
+        """Points (N, 3) and smooth normals (N, 3), of any length, at barycentric u and v (N,) of faces (N,)."""
+        weights, corners = np.stack([1.0 - u - v, u, v], axis=1)[..., None], self.faces[face]
+        return (weights * self.vertices[corners]).sum(axis=1), (weights * self._normals[corners]).sum(axis=1)
+
+    @cached_property
+    def _normals(self) -> Array:
+        return vertex_normals(self.vertices, self.faces)
+
+    @cached_property
+    def corners(self) -> Array:
+        """The vertices (C, 3) that the faces use."""
+        return self.vertices[np.unique(self.faces)]
+
+    def sample(self, count: int = POINTS, seed: int = SEED) -> tuple[Array, Array, Array]:
+        """Face, u and v (count,) of points for `at`, one in each of `count` equal shares of the area."""
+        rng = np.random.default_rng(seed)
+        reached = np.cumsum(self._area)
+        at = (np.arange(count) + rng.random(count)) * (reached[-1] / count)
+        face = np.minimum(np.searchsorted(reached, at, side="right"), len(reached) - 1)
+        u, v = rng.random((2, count))
+        u, v = np.where(u + v > 1.0, (1.0 - u, 1.0 - v), (u, v))  # the other half of the parallelogram
+        return face, u, v
+
+    def nearest(self, points: Array) -> tuple[Array, Array]:
+        """Distance (N,) in mm of points (N, 3) from the surface, and its normals (N, 3) where they are nearest."""
+        scene, tensor, middle = self._embree
+        found = scene.compute_closest_points(tensor((points - middle).astype(np.float32)))
+        distance = _MM * np.linalg.norm(points - middle - found["points"].numpy(), axis=1)
+        face, (u, v) = found["primitive_ids"].numpy().astype(np.int64), found["primitive_uvs"].numpy().T
+        return distance, self.at(face, u, v)[1]
+
+    @cached_property
+    def _embree(self) -> tuple[Any, Any, Array]:
+        """What answers, how it is asked, and the middle that it works around, in float32."""
+        import open3d as o3d
+
+        scene, tensor, middle = o3d.t.geometry.RaycastingScene(), o3d.core.Tensor.from_numpy, self.corners.mean(axis=0)
+        scene.add_triangles(tensor((self.vertices - middle).astype(np.float32)), tensor(self.faces.astype(np.uint32)))
+        return scene, tensor, middle
+
+
+@lru_cache(maxsize=4)
+def surface(mesh: Mesh) -> Surface:
+    """The surface of a mesh; the last few are kept, as several metrics look at one mesh."""
+    return Surface(mesh)
+
+
+@dataclass(frozen=True, eq=False)
+class Gaps:
+    """From one surface to another: distances in mm of `POINTS` points spread over it and of its corners (C,), and
+    angles in degrees between the normals at the points and at the nearest points."""
+
+    points: Array
+    corners: Array
+    angles: Array
+
+
+@lru_cache(maxsize=4)
+def gaps(source: Mesh, target: Mesh) -> Gaps:
+    """From the surface of one mesh to that of another; the last few are kept."""
+    ours, theirs = surface(source), surface(target)
+    points, normals = ours.at(*ours.sample())
+    distances, nearest = theirs.nearest(points)
+    return Gaps(distances, theirs.nearest(ours.corners)[0], angles(normals, nearest))
+
+
+def surface_distances(mesh: Mesh, points: Array) -> Array:
+    """Distance (N,) in mm of each point (N, 3) of a scan from the nearest point of the mesh.
+
+    Raises `InputError` for points of another shape, none, or NaN among them, and for a mesh without a surface.
+    """
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+        raise InputError(f"surface_distances: points have shape {points.shape}, expected (n, 3) with n > 0")
+    if not np.isfinite(points).all():
+        raise InputError("surface_distances: points hold NaN or infinity; remove them first")
+    return surface(mesh).nearest(points)[0]
+
+
+def mean(distances: Array) -> float:
+    return float(distances.mean())
+
+
+def percentile95(distances: Array) -> float:
+    return float(np.percentile(distances, 95))
+
+
+def fscore(precise: Array, complete: Array, threshold: float) -> float:
+    """F-score in [0, 1] from the distances of the prediction from the truth and of the truth from the prediction."""
+    precision, recall = (float((distances < threshold).mean()) for distances in (precise, complete))
+    return 2.0 * precision * recall / (precision + recall) if precision + recall else 0.0
+
+
+def _both(pair: Pair) -> tuple[Gaps, Gaps]:
+    """From the prediction to the truth, and from the truth to the prediction."""
+    prediction, truth = _meshes(pair)
+    return gaps(prediction, truth), gaps(truth, prediction)
+
+
+def _from_truth(pair: Pair) -> Array:
+    """Distances of the truth's points from the prediction."""
+    prediction, truth = _meshes(pair)
+    return gaps(truth, prediction).points
+
+
+def _meshes(pair: Pair) -> tuple[Mesh, Mesh]:
+    """The prediction and the truth.
+
+    Raises `Unsupported` for a prediction without a surface, and `InputError` for such a truth: a damaged capture.
+    """
+    prediction, truth = pair.prediction_mesh, pair.truth_mesh
+    if prediction is None or truth is None:
+        raise Unsupported("no meshes to compare")
+    for whose, mesh, refusal in (("truth", truth, InputError), ("prediction", prediction, Unsupported)):
+        try:
+            surface(mesh)
+        except InputError as error:
+            raise refusal(f"{whose} {error}") from error
+    return prediction, truth
+
+
+def _mean(pair: Pair, options: Mapping[str, str]) -> float:
+    return mean(_from_truth(pair))
+
+
+def _percentile(pair: Pair, options: Mapping[str, str]) -> float:
+    return percentile95(_from_truth(pair))
+
+
+def _hausdorff(pair: Pair, options: Mapping[str, str]) -> float:
+    return float(max(distances.max() for way in _both(pair) for distances in (way.points, way.corners)))
+
+
+def _chamfer(pair: Pair, options: Mapping[str, str]) -> float:
+    return sum(mean(way.points) for way in _both(pair)) / 2
+
+
+def _fscore(pair: Pair, options: Mapping[str, str]) -> float:
+    precise, complete = _both(pair)
+    return fscore(precise.points, complete.points, float(options["threshold"].removesuffix("mm")))
+
+
+def _normal(pair: Pair, options: Mapping[str, str]) -> float:
+    return sum(mean(way.angles) for way in _both(pair)) / 2
+
+
+def _family(name: str, title: str, measure: Any, *terms: str, **others: Any) -> PairFamily:
+    """Errors in mm unless said otherwise, with what all of them share."""
+    shared = {"higher_is_better": False, "unit": "mm", "decimals": 2, "perfect": 0.0}
+    terms = ("align:none", *terms, f"points:{POINTS}", f"seed:{SEED}")
+    needs = ("prediction_mesh", "truth_mesh")
+    return PairFamily(name=name, title=title, measure=measure, terms=terms, needs=needs, **{**shared, **others})
+
+
+MEAN = _family("surface-mean", "Surface mean", _mean, "from:truth")
+P95 = _family("surface-p95", "Surface p95", _percentile, "from:truth")
+HAUSDORFF = _family("hausdorff", "Hausdorff", _hausdorff, "from:both", "corners:all")
+CHAMFER = _family("chamfer", "Chamfer", _chamfer, "from:both", "power:1", "of-both:mean")
+FSCORE = _family(
+    "fscore",
+    "F-score",
+    _fscore,
+    "from:both",
+    unit="",
+    decimals=3,
+    higher_is_better=True,
+    perfect=1.0,
+    choices={"threshold": ("2mm", "1mm", "5mm")},
+)
+NORMAL = _family("mesh-normal", "Mesh normals", _normal, "from:both", "normals:smooth", unit="deg")
