@@ -42,6 +42,7 @@ class MethodInfo:
     truth       the enrolment must hold the scored frames themselves: a calibration row, not a method
     lights      the kinds of light it can draw: of "directional", "point", "environment"
     fidelity    how a table must describe it, e.g. "faithful reimplementation, trained here"
+    timed       its answers are computed when it is asked (False: they were made elsewhere, so no time is told)
     """
 
     name: str
@@ -52,6 +53,7 @@ class MethodInfo:
     truth: bool = False
     lights: frozenset[str] = frozenset({"directional", "environment"})
     fidelity: str = "reference"
+    timed: bool = True
 
 
 class Recording:

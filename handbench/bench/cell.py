@@ -83,12 +83,13 @@ def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Pro
     Whatever the method raises becomes the reason of its scores. What is not its fault is raised: `StorageError`
     for the disk, `InputError` for a damaged capture.
     """
-    with tallied() as tally:
-        found, laws = _compute(bench, cell, method, steps)
+    found, laws = _compute(bench, cell, method, steps)
     start = time.perf_counter()
-    measures = {"laws": laws(), "skipped": {what: asdict(saved) for what, saved in tally.lines().items()}}
+    found["laws"] = laws()
     found["times"]["laws_s"] = time.perf_counter() - start
-    return {**found, **measures}
+    if not method.info.timed:
+        found["times"] |= dict.fromkeys(("train_s", "personalise_s", "first_ms", "relight_ms"))
+    return found
 
 
 def _compute(
@@ -102,6 +103,7 @@ def _compute(
         "personalise_s": None,
         "first_ms": None,
         "relight_ms": None,
+        "relight_s": 0.0,
         "score_s": 0.0,
     }
     try:
@@ -117,9 +119,13 @@ def _compute(
         failed = blame(error, bench.reader)
         scores = [score for column, frame in scored for score in _missing(bench, column, frame, failed)]
         told = {"times": times, "scores": scores, "same_pixels": None, "predictions": None, "error": failed.trace}
+        told["skipped"] = {}
         return told, dict
     asked = _Asked(bench.reader, method.info, avatar)
-    result, laws = _relight(bench, cell, asked, scored, times, steps(f"{label}: relight"))
+    # Of drawing alone: what of a training falls to which cell depends on when a run was stopped.
+    with tallied() as tally:
+        result, laws = _relight(bench, cell, asked, scored, times, steps(f"{label}: relight"))
+    result["skipped"] = {what: asdict(saved) for what, saved in tally.lines().items()}
     return {**result, "curve": curve.points()}, laws
 
 
@@ -172,7 +178,7 @@ def _relight(
     # must not make the next method look faster. The warm-up keeps what a first call loads or compiles off the clock.
     drawable = [frame for frame in frames if light_refusal(asked.info, frame.light) is None]
     for query in _own_meshes(drawable[:1]):
-        asked.relight(query)
+        times["relight_s"] += asked.relight(query)[1] / 1e3
     queries = _own_meshes(frames)
     for begin in range(0, len(frames), _CHUNK):
         chunk = frames[begin : begin + _CHUNK]
@@ -198,6 +204,7 @@ def _relight(
             if np.isfinite(prediction.image).all() and np.isfinite(prediction.alpha).all():
                 kept = bench.store.write_prediction(cell.key, frame.key, prediction)
     times |= {"first_ms": _spread(first), "relight_ms": _spread(again)}
+    times["relight_s"] += (sum(first) + sum(again)) / 1e3
     flat = [{**score, "column": column} for column, frame in scored for score in scores[frame.key]]
     found = {"times": times, "scores": flat, "same_pixels": same, "predictions": kept, "error": trace}
     if asked.info.truth or not drawable:
@@ -231,10 +238,11 @@ def _score(bench: Bench, drawn: Iterable[tuple[Frame, Prediction]]) -> dict[str,
             scores[frame.key] = _missing(bench, "", frame, trouble)
         else:
             truth = bench.reader(frame)
-            finite.append((frame, bench.metrics_module.Pair(prediction.image, truth.image, truth.alpha)))
+            finite.append((frame, bench.metrics_module.Pair.of(prediction, truth, frame.mesh)))
             scores[frame.key] = []
-    for signature, metric in bench.metrics.items():
-        for (frame, _), score in zip(finite, metric([pair for _, pair in finite]), strict=True):
+    rows = bench.metrics_module.scores(list(bench.metrics.values()), [pair for _, pair in finite])
+    for (frame, _), row in zip(finite, rows, strict=True):
+        for signature, score in zip(bench.metrics, row, strict=True):
             scores[frame.key].append(_entry("", frame, signature, score.value, score.reason))
     return scores
 
@@ -254,7 +262,9 @@ def _same(one: Prediction, other: Prediction) -> bool:
     return bool(np.allclose(one.image, other.image, rtol=0, atol=1e-5 * scale, equal_nan=True))
 
 
-def _spread(values: list[float]) -> dict[str, float] | None:
+def _spread(values: list[float]) -> dict[str, Any] | None:
+    """Milliseconds of all repeats: the gate compares them one by one."""
     if not values:
         return None
-    return {"median": median(values), "min": min(values), "max": max(values), "n": len(values)}
+    told = {"median": median(values), "min": min(values), "max": max(values), "n": len(values)}
+    return {**told, "values": [round(value, 4) for value in values]}

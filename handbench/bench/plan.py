@@ -1,22 +1,37 @@
 """From a protocol, methods and seeds to cells, each with a key: equal keys, and a kept result is used again.
 
-A key covers the versions of handbench, torch, jax and mitsuba, the method's source (see `source_digest`), its
-preset, the seed, the digests of capture and protocol, the metrics' source, and the subject. It does not cover
-other packages, the bench's own code within one version, or the machine; those are told in a cell's provenance.
-Nothing heavy is imported and no time is in it.
+What a cell's key covers, so that none of it can change behind a kept result:
+
+    protocol    name, version, and everything in it that decides a score
+    data        the capture's digest
+    method      name, the source of its code and of what that imports, data files such as weights beside that
+                (`source.py`), preset and settings as given, and the configuration they resolve to
+    metrics     their source and data files
+    cell        subject and seed
+    versions    of handbench, torch, jax and mitsuba
+
+The configuration of handbench's own methods is resolved by code and files that are covered, so they are not loaded
+for it; a plug-in from outside may read its configuration anywhere, so it is made and asked. Not covered, and told in
+a cell's provenance: other packages, the bench's own code within one version, the device, the machine. No time is in
+a key, and no place on disk unless a setting names one. A prior's key covers the same without metrics, enrolment,
+scored frames and subject.
 """
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from .. import __version__
-from ..errors import InputError
-from ..registry import METHODS, METRICS
+from ..errors import HandbenchError, InputError
+from ..method import Method
+from ..registry import METHODS, METRICS, Entry
 from .protocol import Protocol, digest
-from .source import source_digest
+from .source import source_digests
 
 _PACKAGES = ("torch", "jax", "mitsuba")  # whose releases change what methods and captures compute
 
@@ -32,6 +47,10 @@ class Cell:
     subject: str
     seed: int
 
+    @property
+    def label(self) -> str:
+        return f"{self.method} {self.subject} seed {self.seed}"
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -42,36 +61,124 @@ class Plan:
     cells: tuple[Cell, ...]
 
 
+@dataclass(frozen=True)
+class Shard:
+    """Part `number` (from 1) of the `count` parts of a plan that an array of jobs computes into one run folder."""
+
+    number: int
+    count: int
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.number <= self.count:
+            raise InputError(f"shard {self} does not exist; give i/n with i from 1 to n, such as 1/4 … 4/4")
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+    @staticmethod
+    def parse(text: str) -> Shard:
+        """The shard that "i/n" names; raises `InputError` for anything else."""
+        found = re.fullmatch(r"\s*(\d{1,9})\s*/\s*(\d{1,9})\s*", text, re.ASCII)
+        if found is None:
+            raise InputError(f"shard {text!r} cannot be read; give i/n, such as 1/4 for the first of four")
+        return Shard(int(found[1]), int(found[2]))
+
+    def of(self, cells: Sequence[Cell]) -> tuple[Cell, ...]:
+        """The cells of this shard. All shards together have every cell once.
+
+        Cells that share a training stay together, unless there are more shards than trainings: then several shards
+        have cells of one training, which one of them does.
+        """
+        groups = by_prior(cells)
+        mine = []
+        for index, group in enumerate(groups):
+            owners = range(index % self.count, self.count, len(groups))
+            mine += [cell for i, cell in enumerate(group) if owners[i % len(owners)] == self.number - 1]
+        return tuple(mine)
+
+
+def by_prior(cells: Iterable[Cell]) -> list[tuple[Cell, ...]]:
+    """Cells that share a training, together, in the order of their first cell."""
+    groups: dict[str, list[Cell]] = {}
+    for cell in cells:
+        groups.setdefault(cell.prior, []).append(cell)
+    return [tuple(group) for group in groups.values()]
+
+
+def method_entries(names: Iterable[str], extra: Sequence[Entry] = ()) -> dict[str, Entry]:
+    """Plug-ins by name, registered ones and `extra`; `InputError` for an unknown name and for one that is taken."""
+    known = {entry.name: entry for entry in extra}
+    for name in known:
+        if name in METHODS.entries():
+            raise InputError(f"there is a method {name!r} already; choose another name")
+    return {name: known.get(name) or METHODS.entry(name) for name in names}
+
+
+def make_method(entry: Entry, preset: str) -> Method:
+    """The method of a plug-in with a preset. Raises `InputError` for an unknown preset and for a broken plug-in."""
+    try:
+        method = entry.load()(preset=preset)
+    except HandbenchError:
+        raise
+    except Exception as error:
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"plug-in {entry.name!r} at {entry.target!r} fails ({text}); mend it") from error
+    if not isinstance(method, Method):
+        made = type(method).__name__
+        raise InputError(
+            f"plug-in {entry.name!r} at {entry.target!r} makes a {made}, expected a handbench.method.Method"
+        )
+    return method
+
+
 def make_plan(
     protocol: Protocol,
     capture_digest: str,
     methods: Iterable[str] | None = None,
     seeds: Iterable[int] | None = None,
     preset: str | None = None,
+    extra: Sequence[Entry] = (),
 ) -> Plan:
     """All cells of a run, those that share a training side by side; None takes the protocol's default.
 
-    Raises `InputError` for an unknown method or metric and for an empty list.
+    `extra` are methods that are not registered; without `methods` they come after the protocol's.
+    Raises `InputError` for an unknown method or metric, for a broken plug-in and for an empty list.
     """
-    methods = tuple(dict.fromkeys(protocol.methods if methods is None else methods))
+    names = tuple(dict.fromkeys(default_methods(protocol, extra) if methods is None else methods))
     seeds = tuple(dict.fromkeys(protocol.seeds if seeds is None else seeds))
-    if not methods or not seeds:
+    if not names or not seeds:
         raise InputError("nothing to run: name at least one method and one seed")
-    entries = {name: METHODS.entry(name) for name in methods}
-    scoring = digest([source_digest(METRICS.entry(spec.partition(":")[0].strip()).target) for spec in protocol.metrics])
+    entries = method_entries(names, extra)
+    metrics = [METRICS.entry(spec.partition(":")[0].strip()).target for spec in protocol.metrics]
+    code = source_digests([*metrics, *(entry.target for entry in entries.values())])
+    scoring = digest([code[target] for target in metrics])
     versions = [__version__, *map(_version, _PACKAGES)]
     cells = []
     for name, entry in entries.items():
         chosen = preset or protocol.preset_of(name)
-        code = source_digest(entry.target)
+        made_of = [versions, name, entry.settings, chosen, code[entry.target], _resolved(entry, chosen)]
         for seed in seeds:
-            prior = digest(
-                [versions, name, entry.settings, chosen, code, seed, capture_digest, protocol.training_digest]
-            )
+            prior = digest([*made_of, seed, capture_digest, protocol.training_digest])
             for subject in protocol.subjects:
                 key = digest([prior, protocol.digest, scoring, subject])
                 cells.append(Cell(key, prior, name, chosen, subject, seed))
-    return Plan(protocol, capture_digest, methods, seeds, tuple(cells))
+    return Plan(protocol, capture_digest, names, seeds, tuple(cells))
+
+
+def default_methods(protocol: Protocol, extra: Sequence[Entry] = ()) -> tuple[str, ...]:
+    return (*protocol.methods, *(entry.name for entry in extra))
+
+
+def _resolved(entry: Entry, preset: str) -> Mapping[str, Any] | None:
+    """The configuration of a plug-in from outside; our own are resolved by what `source_digests` reads."""
+    if entry.target.startswith("handbench.") and entry in importlib.import_module(METHODS.package).ENTRIES:
+        return None
+    config = make_method(entry, preset).config
+    try:
+        digest(config)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"plug-in {entry.name!r} has a config that holds no JSON value: {error}") from error
+    return config
 
 
 def _version(package: str) -> str | None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib.metadata
+import importlib.util
 import os
 import platform
 import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,13 +19,14 @@ from .. import __version__
 from ..device import device_name
 
 
-def provenance(command: list[str]) -> dict[str, Any]:
-    """Everything a reader needs to judge or repeat a run, as JSON values."""
+def provenance(command: list[str], targets: Iterable[str] = ()) -> dict[str, Any]:
+    """Everything a reader needs to judge or repeat a run, as JSON values; `targets` are those of its plug-ins."""
     return {
         "version": __version__,
-        "git": git_state(Path(__file__).parents[1]),
+        "git": git_state(Path(__file__).parents[1] / "__init__.py"),
         "python": platform.python_version(),
         "packages": packages(),
+        "plugins": plugins(targets),
         "os": platform.platform(),
         "device": device(),
         "command": shlex.join(command),
@@ -31,11 +34,11 @@ def provenance(command: list[str]) -> dict[str, Any]:
     }
 
 
-def git_state(package: Path) -> dict[str, Any] | None:
-    """Commit and dirty flag of the checkout that tracks a package; None for an installed copy."""
+def git_state(file: Path) -> dict[str, Any] | None:
+    """Commit and dirty flag of the checkout that tracks a file; None for an installed copy."""
 
     def git(*arguments: str) -> str | None:
-        command = ["git", "-C", str(package), *arguments]
+        command = ["git", "-C", str(file.parent), *arguments]
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
         except (OSError, subprocess.TimeoutExpired):
@@ -43,9 +46,22 @@ def git_state(package: Path) -> dict[str, Any] | None:
         return done.stdout.strip() if done.returncode == 0 else None
 
     # A wheel in an environment inside someone's repository is not part of it: the file must be tracked.
-    if git("ls-files", "--error-unmatch", "__init__.py") is None:
+    if git("ls-files", "--error-unmatch", file.name) is None:
         return None
     return {"commit": git("rev-parse", "HEAD"), "dirty": bool(git("status", "--porcelain"))}
+
+
+def plugins(targets: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Version, commit and dirty flag of the packages other than handbench that plug-ins ("module:attribute") are of."""
+    roots = sorted({target.partition(":")[0].partition(".")[0] for target in targets} - {"handbench"})
+    owners = importlib.metadata.packages_distributions() if roots else {}
+    found = {}
+    for root in roots:
+        spec = importlib.util.find_spec(root)
+        git = git_state(Path(spec.origin)) if spec and spec.origin else None
+        versions = [importlib.metadata.version(name) for name in owners.get(root, ())]
+        found[root] = {"version": next(iter(versions), None), "git": git}
+    return found
 
 
 def packages() -> dict[str, str]:

@@ -3,31 +3,37 @@
 from __future__ import annotations
 
 import importlib
+import shlex
 import sys
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
-from ..data.capture import Capture
-from ..errors import InputError
-from ..method import Method
-from ..registry import CAPTURES, METHODS, METRICS, PROTOCOLS
-from .plan import Cell, Plan, make_plan
+from ..errors import InputError, unknown_name
+from ..registry import PROTOCOLS, Entry
+from .describe import about_protocol, about_run
+from .executor import Done, Job, Site, finished, work
+from .plan import Cell, Plan, Shard, default_methods
 from .progress import Steps, steps
-from .protocol import Protocol, Published, Selected
-from .store import SCHEMA, Store
+from .protocol import Protocol
+from .store import Store
+
+EXECUTORS = ("local", "ray")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run did: `computed` and `reused` count cells, `crashed` names those whose method crashed, and why."""
+    """What a run did.
+
+    `computed` and `reused` count cells, of the shard if it was one; `crashed` names those whose method crashed, and
+    why; `missing` names those of other shards that are not there yet: without any, a report is complete.
+    """
 
     folder: Path
     computed: int
     reused: int
     crashed: tuple[str, ...]
+    missing: tuple[str, ...] = ()
 
 
 def find_protocol(name: str) -> Protocol:
@@ -45,49 +51,101 @@ def run(
     out: Path | None = None,
     data: Path | None = None,
     command: Iterable[str] = (),
+    *,
+    extra: Sequence[Entry] = (),
+    shard: Shard | None = None,
+    executor: str = "local",
+    cpus: int | None = None,
 ) -> Outcome:
     """Compute the missing cells of a protocol into `out` (default: runs/<protocol>) and say what was done.
 
     A finished cell is never computed again while nothing that decides it changed; a cell whose method crashed is
-    tried again. A method's failure becomes the reason of its scores and stops no other cell. Raises `InputError`
-    for what the user can mend and `StorageError` when the run folder cannot be written; finished cells stay.
+    tried again. A method's failure becomes the reason of its scores and stops no other cell. Any number of runs may
+    share a folder, on machines that share a disk: what one is at work on, the others leave to it.
+
+    methods     names; None: those of the protocol, then `extra`
+    extra       methods that are not registered; their names and settings are part of a cell's key
+    shard       compute only the cells of this part of the plan; run.json tells the whole plan
+    executor    "local", or "ray": on the nodes of a Ray cluster, see `cluster.py`
+    cpus        cores that "ray" gives a cell; None: as many as the smallest node has
+
+    Raises `InputError` for what the user can mend and `StorageError` when the run folder cannot be written; finished
+    cells stay.
     """
-    methods = None if methods is None else tuple(methods)
-    store = Store(out or Path("runs") / protocol.name)
+    names = tuple(dict.fromkeys(default_methods(protocol, extra) if methods is None else methods))
+    folder, chosen = out or Path("runs") / protocol.name, None if seeds is None else tuple(seeds)
+    job = Job(protocol, names, chosen, preset, folder, data, tuple(command), tuple(extra))
+    _check_executor(executor, cpus)
     # What is mistyped is told before a capture is generated; what this folder has run before is not loaded to know.
-    presets = {name: preset or protocol.preset_of(name) for name in methods or protocol.methods}
-    for name in presets:
-        METHODS.entry(name)
-    tools = None if _known(store, protocol, presets) else _make_tools(protocol, presets)
-    store.prepare()
+    known = _known(job.store, protocol, {name: job.presets[name] for name in job.entries})
+    tools = None if known else job.make_tools()
+    job.store.prepare()
     with steps() as told:
-        source = CAPTURES.load(protocol.capture)
-        capture = source(size=protocol.size, folder=data, progress=told(f"capture {protocol.capture} {protocol.size}"))
-        plan = make_plan(protocol, capture.digest, methods, seeds, preset)
-        missing = [cell for cell in plan.cells if not _finished(store.cell(cell.key))]
-        if missing or not _refresh(store, plan):
-            tools = tools or _make_tools(protocol, presets)
-            _compute(plan, missing, tools, capture, store, list(command) or sys.argv, told)
-    crashed = tuple(_crash(store.cell(cell.key), cell) for cell in plan.cells if not _finished(store.cell(cell.key)))
-    return Outcome(store.folder, len(missing), len(plan.cells) - len(missing), crashed)
+        capture = job.open_capture(told)
+        plan = job.plan(capture)
+        cells = plan.cells if shard is None else shard.of(plan.cells)
+        missing = [cell for cell in cells if not finished(job.store.cell(cell.key))]
+        done = Done()
+        if missing or not _refresh(job.store, plan):
+            site = Site(job, plan, tools or job.make_tools(), capture)
+            _announce(site, shard)
+            done = _execute(site, missing, told, executor, cpus)
+            job.store.sweep()  # of those that were killed meanwhile
+    return _outcome(job.store, plan, cells, missing, done)
 
 
-@dataclass(frozen=True)
-class _Tools:
-    """Methods by name and metrics by signature, made."""
+def _outcome(store: Store, plan: Plan, cells: Sequence[Cell], tried: Sequence[Cell], done: Done) -> Outcome:
+    crashed = []
+    for cell in tried:
+        found = store.cell(cell.key)
+        if not finished(found):
+            reasons = [score["reason"] for score in found["scores"] if score["reason"]] if found else []
+            crashed.append(f"{cell.label}: {(reasons or [done.lost.get(cell.key, 'not computed')])[0]}")
+    elsewhere = set(plan.cells) - set(cells)
+    missing = [cell.label for cell in plan.cells if cell in elsewhere and store.cell(cell.key) is None]
+    reused = len(cells) - done.computed - len(done.lost)
+    return Outcome(store.folder, done.computed, reused, tuple(crashed), tuple(missing))
 
-    methods: dict[str, Method]
-    metrics: dict[str, Any]
-    metrics_module: ModuleType
+
+def _check_executor(name: str, cpus: int | None) -> None:
+    if name not in EXECUTORS:
+        raise unknown_name("executor", name, EXECUTORS)
+    if name == "ray":
+        from .cluster import require_ray
+
+        require_ray()
+    elif cpus is not None:
+        raise InputError(
+            "cores are given to cells with --executor ray only; here OMP_NUM_THREADS says how many are used"
+        )
 
 
-def _make_tools(protocol: Protocol, presets: dict[str, str]) -> _Tools:
-    module = importlib.import_module(METRICS.package)
-    metrics = {metric.signature: metric for metric in map(module.metric, protocol.metrics)}
-    if len(metrics) < len(protocol.metrics):
-        raise InputError(f"protocol {protocol.label}: two metrics have one signature; keep one of them")
-    methods = {name: METHODS.load(name)(preset=preset) for name, preset in presets.items()}
-    return _Tools(methods, metrics, module)
+def _execute(site: Site, cells: Sequence[Cell], told: Steps, executor: str, cpus: int | None) -> Done:
+    if executor == "local" or not cells:
+        return work(site, cells, told, told("all cells"))
+    from .cluster import work_on_ray
+
+    return work_on_ray(site, cells, told("all cells"), cpus)
+
+
+def _announce(site: Site, shard: Shard | None) -> None:
+    """Write run.json. Shards write the same one: where it tells their plan already it stays, and it names no shard."""
+    store = site.job.store
+    if shard is not None and _refresh(store, site.plan):
+        return
+    origin = {**site.origin, "command": shlex.join(_without_shard(site.job.command or sys.argv))}
+    store.write_run(about_run(site.plan, site.tools.methods, site.tools.metrics, site.bench.selected, origin))
+
+
+def _without_shard(command: Sequence[str]) -> list[str]:
+    kept, words = [], iter(command)
+    for word in words:
+        name, equals, _ = word.partition("=")
+        if not (name.startswith("--sh") and "--shard".startswith(name)):
+            kept.append(word)
+        elif not equals:
+            next(words, None)
+    return kept
 
 
 def _known(store: Store, protocol: Protocol, presets: dict[str, str]) -> bool:
@@ -98,138 +156,14 @@ def _known(store: Store, protocol: Protocol, presets: dict[str, str]) -> bool:
     return presets.items() <= {method["name"]: method["preset"] for method in told["methods"]}.items()
 
 
-def _finished(cell: dict[str, Any] | None) -> bool:
-    return cell is not None and cell["error"] is None
-
-
-def _crash(cell: dict[str, Any] | None, planned: Cell) -> str:
-    reasons = [score["reason"] for score in cell["scores"] if score["reason"]] if cell else ["not computed"]
-    return f"{planned.method} {planned.subject} seed {planned.seed}: {reasons[0]}"
-
-
 def _refresh(store: Store, plan: Plan) -> bool:
     """Whether run.json already tells this plan; a changed title is brought up to date without loading anything."""
     told = store.run()
     if told is None or told["cells"] != [cell.key for cell in plan.cells]:
         return False
-    now = {**_about_protocol(plan.protocol), "metrics": told["protocol"]["metrics"]}
+    now = {**about_protocol(plan.protocol), "metrics": told["protocol"]["metrics"]}
     for column, before in zip(now["columns"], told["protocol"]["columns"], strict=True):
         column["queries"] = before["queries"]
     if now != told["protocol"]:
         store.write_run({**told, "protocol": now})
     return True
-
-
-def _compute(
-    plan: Plan, missing: list[Cell], tools: _Tools, capture: Capture, store: Store, command: list[str], told: Steps
-) -> None:
-    from .cell import Bench, CaptureReader, compute
-    from .priors import Priors
-    from .protocol import resolve
-    from .provenance import provenance
-
-    selected = resolve(plan.protocol, capture.frames())
-    origin = provenance(command)
-    store.write_run(_about_run(plan, tools, selected, origin))
-    reader, priors = CaptureReader(capture), Priors(store)
-    bench = Bench(plan.protocol, selected, reader, store, priors, tools.metrics, tools.metrics_module)
-    overall = told("all cells")
-    for i, cell in enumerate(missing):
-        if not _finished(store.cell(cell.key)):  # another process may have been here
-            method = tools.methods[cell.method]
-            result = compute(bench, cell, method, told)
-            store.write_cell({**_about_cell(plan, cell, method), "provenance": origin, **result})
-            store.remove_checkpoints(cell.key)
-        overall(i + 1, len(missing))
-
-
-def _about_cell(plan: Plan, cell: Cell, method: Method) -> dict[str, Any]:
-    from .provenance import device
-
-    protocol = plan.protocol
-    return {
-        "schema": SCHEMA,
-        "key": cell.key,
-        "protocol": {
-            "name": protocol.name,
-            "version": protocol.version,
-            "digest": protocol.digest,
-            "title": protocol.title,
-        },
-        "method": _about_method(cell, method),
-        "subject": cell.subject,
-        "seed": cell.seed,
-        "capture": _about_capture(plan),
-        "prior": cell.prior,
-        "device": device(),
-    }
-
-
-def _about_capture(plan: Plan) -> dict[str, Any]:
-    """The registered name and size, with which a report can open the capture again, and what it then must be."""
-    return {"name": plan.protocol.capture, "size": plan.protocol.size, "digest": plan.capture_digest}
-
-
-def _about_method(cell: Cell, method: Method) -> dict[str, Any]:
-    info = {**asdict(method.info), "name": cell.method, "lights": sorted(method.info.lights)}
-    return {**info, "preset": cell.preset, "config": method.config}
-
-
-def _about_protocol(protocol: Protocol) -> dict[str, Any]:
-    columns = [
-        {
-            "name": c.name,
-            "title": c.title,
-            "subjects": c.subjects if isinstance(c.subjects, str) else list(c.subjects),
-            "shares": list(c.shares),
-        }
-        for c in protocol.columns
-    ]
-    return {
-        "name": protocol.name,
-        "version": protocol.version,
-        "title": protocol.title,
-        "summary": protocol.summary,
-        "digest": protocol.digest,
-        "trained": list(protocol.trained),
-        "unseen": list(protocol.unseen),
-        "aggregation": list(protocol.aggregation),
-        "columns": columns,
-        "published": [_about_published(protocol, row) for row in protocol.published],
-        "published_note": protocol.published_note,
-    }
-
-
-def _about_published(protocol: Protocol, row: Published) -> dict[str, Any]:
-    """A published row; a column's values stand in the order of the protocol's metrics, None where there is none."""
-    values: dict[str, list[float | None]] = {}
-    for column, metric, value in row.values:
-        of_column = values.setdefault(column, [None] * len(protocol.metrics))
-        of_column[protocol.metrics.index(metric)] = value
-    return {
-        "method": row.method,
-        "title": row.title,
-        "marker": row.marker,
-        "source": row.source,
-        "values": values,
-    }
-
-
-def _about_run(plan: Plan, tools: _Tools, selected: Selected, origin: dict[str, Any]) -> dict[str, Any]:
-    names = ("name", "title", "signature", "higher_is_better", "unit", "latex", "decimals")
-    protocol = _about_protocol(plan.protocol)
-    protocol["metrics"] = [{name: getattr(metric, name) for name in names} for metric in tools.metrics.values()]
-    for column in protocol["columns"]:
-        column["queries"] = [frame.key for frame in selected.scored[column["name"]]]
-    firsts = {cell.method: cell for cell in reversed(plan.cells)}
-    return {
-        "schema": SCHEMA,
-        "protocol": protocol,
-        "methods": [_about_method(firsts[name], tools.methods[name]) for name in plan.methods],
-        "seeds": list(plan.seeds),
-        "subjects": list(plan.protocol.subjects),
-        "capture": _about_capture(plan),
-        "cells": [cell.key for cell in plan.cells],
-        "provenance": origin,
-        "command": origin["command"],
-    }

@@ -5,6 +5,7 @@
     predictions/<cell key>/*.exr    what the method drew, half floats, one file a query ("/" becomes "__")
     priors/<prior key>/             state/ as the method saved it, and train.json
     checkpoints/<key>/              trainings under way, of priors and of cells; gone when they are done
+    claims/<key>                    cells and trainings that a process is at work on; gone when they are done
 
 Everything is written under a temporary name beside its place, flushed, and renamed, so a reader or a second
 process never sees half a file.
@@ -19,7 +20,7 @@ import shutil
 import socket
 import uuid
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ import numpy as np
 from ..checkpoint import Checkpoints, checkpoints_in
 from ..errors import InputError, StorageError
 from ..scene import Prediction
+from .claims import claim, holder
 
 SCHEMA = 1
 _HALF_MAX = float(np.finfo(np.float16).max)
@@ -46,16 +48,41 @@ class Store:
         """
         with writing(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
-        for place in (self.folder, *(self.folder / name for name in ("cells", "predictions", "priors"))):
-            if not place.exists():
-                continue
+        for place in self._places():
             with writing(place):
                 probe = _part(place / "probe")
                 probe.touch()
                 probe.unlink()
+        self.sweep()
+
+    def sweep(self) -> None:
+        """Remove what killed processes of this machine left: half-written files, and claims that nobody has."""
+        for place in self._places():
+            with writing(place):
                 for path in place.glob(".*.*.*.*.tmp"):
                     if _abandoned(path):
                         _remove(path)
+        for path in (self.folder / "claims").glob("*"):
+            with self.claim(path.name):  # what nobody has, goes with this
+                pass
+
+    def _places(self) -> list[Path]:
+        """The folders that hold results, as far as they are there."""
+        places = (self.folder, *(self.folder / name for name in ("cells", "predictions", "priors")))
+        return [place for place in places if place.exists()]
+
+    @contextmanager
+    def claim(self, key: str) -> Iterator[bool]:
+        """Whether no other process is at work on a cell or a training: then this one is, inside the block."""
+        with ExitStack() as stack:
+            with writing(self.folder):
+                mine = stack.enter_context(claim(self.folder / "claims" / key))
+            yield mine
+
+    def holder(self, *keys: str) -> str:
+        """Machine and process of whoever has the first of these claims that is taken, for people."""
+        holders = (holder(self.folder / "claims" / key) for key in keys)
+        return next((name for name in holders if name is not None), "another process")
 
     def run(self) -> dict[str, Any] | None:
         """The plan of the last run, or None. Raises `InputError` if a newer version wrote it."""
@@ -96,7 +123,7 @@ class Store:
 
     def remove_prior(self, key: str) -> None:
         folder = self.folder / "priors" / key
-        with writing(folder):
+        with writing(folder), suppress(FileNotFoundError):  # another process may have been faster
             shutil.rmtree(folder)
 
     def checkpoints(self, key: str) -> AbstractContextManager[Checkpoints]:

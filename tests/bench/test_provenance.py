@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import importlib.metadata
 import subprocess
 
 from handbench.bench.progress import steps
@@ -11,9 +12,9 @@ def git(folder, *arguments):
 
 
 def test_commit_and_dirty_flag_of_the_package_alone(tmp_path):
-    package = tmp_path / "package"
-    package.mkdir()
-    (package / "__init__.py").write_text("")
+    package = tmp_path / "package" / "__init__.py"
+    package.parent.mkdir()
+    package.write_text("")
     assert git_state(package) is None
     git(tmp_path, "init", "-q")
     assert git_state(package) is None, "an untracked copy inside a repository is not part of it"
@@ -21,7 +22,7 @@ def test_commit_and_dirty_flag_of_the_package_alone(tmp_path):
     git(tmp_path, "commit", "-qm", "first")
     clean = git_state(package)
     assert len(clean["commit"]) == 40 and clean["dirty"] is False
-    (package / "__init__.py").write_text("changed = 1\n")
+    package.write_text("changed = 1\n")
     assert git_state(package) == {"commit": clean["commit"], "dirty": True}
 
 
@@ -30,6 +31,18 @@ def test_provenance_names_packages_machine_and_command():
     assert found["command"] == "handbench run 'my protocol'"
     assert {"numpy", "torch"} <= set(found["packages"])
     assert found["device"]["cores"] >= 1 and found["device"]["memory_gb"] > 0
+
+
+def test_provenance_names_the_packages_of_plugins(tmp_path, monkeypatch):
+    (tmp_path / "plugmodule.py").write_text("")
+    for words in (["init", "-q"], ["add", "."], ["commit", "-qm", "first"]):
+        git(tmp_path, *words)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    found = provenance([], ["handbench.methods.mean:create", "plugmodule:create", "numpy.linalg:norm"])["plugins"]
+    assert found.keys() == {"numpy", "plugmodule"}
+    assert len(found["plugmodule"]["git"]["commit"]) == 40 and found["plugmodule"]["version"] is None
+    assert found["numpy"] == {"version": importlib.metadata.version("numpy"), "git": None}
+    assert provenance([], ["handbench.methods.mean:create"])["plugins"] == {}
 
 
 def test_plain_progress_has_loss_and_end(capsys):

@@ -71,7 +71,7 @@ def test_one_training_serves_all_subjects_and_a_second_run_does_nothing(fakes, t
     fakes.CALLS.clear()
     outcome = run(protocol, out=tmp_path)
     assert (outcome.computed, outcome.reused) == (0, 2)
-    assert set(fakes.CALLS) == {"open"}, "a cached run must not touch images or methods"
+    assert set(fakes.CALLS) == {"open", "toy create"}, "a cached run reads no image; a plug-in tells its configuration"
     assert (tmp_path / "run.json").read_bytes() == before
 
 
@@ -312,7 +312,7 @@ def test_published_numbers_reach_the_run_without_computing_anything(fakes, toy_p
     run(toy_protocol(metrics=["psnr", "ssim"]), out=tmp_path)
     fakes.CALLS.clear()
     outcome = run(toy_protocol(**changes), out=tmp_path)
-    assert (outcome.computed, outcome.reused) == (0, 2) and set(fakes.CALLS) == {"open"}
+    assert (outcome.computed, outcome.reused) == (0, 2) and set(fakes.CALLS) == {"open", "toy create"}
     told = Store(tmp_path).run()["protocol"]
     assert told["published"] == [{**row, "marker": "", "values": {"env": [None, 0.9]}}], "in the order of the metrics"
     assert told["published_note"] == "No window is told."
