@@ -1,57 +1,148 @@
-"""From per-query values to one number, in the order of `handbench.bench.protocol.AGGREGATION`, with an interval.
-
-Values are given by seed, by subject, by query: the mean over a subject's queries, then over subjects, then over
-seeds. Every list holds at least one finite value.
-"""
+"""The cells of one protocol column: what is averaged, its interval, what may win, and differences to a baseline."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TypeAlias
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from handbench.bench.results import NOT_FINITE, Values
+from handbench.bench.statistics import (
+    RESAMPLES,
+    aggregate,
+    bootstrap,
+    corrected,
+    differences,
+    interval,
+    over_seeds,
+    seed_spread,
+)
 from handbench.scene import Array
 
-RESAMPLES = 1000
-Values: TypeAlias = Mapping[int, Mapping[str, Sequence[float]]]
+from .model import Cell, Column
+
+_COUNT = re.compile(r"(?<![\w.])\d{1,9}(?![\w.])")  # "3" in "3 values", nothing in "s01" and "0.5"
+_NOTHING = re.compile(r"(?!)")
+
+__all__ = ["RESAMPLES", "Footnotes", "column_cells", "with_differences"]
 
 
-def aggregate(values: Values) -> float:
-    """The mean over seeds of the mean over subjects of the mean over a subject's queries."""
-    return float(np.mean(_by_seed(values)))
+class Footnotes:
+    """Why values are missing, numbered from 1. Reasons that differ in a number only share one, which tells its range.
 
-
-def seed_spread(values: Values) -> float | None:
-    """The standard deviation over seeds of the means of single seeds, or None with fewer than two seeds."""
-    return float(np.std(_by_seed(values), ddof=1)) if len(values) > 1 else None
-
-
-def _by_seed(values: Values) -> list[float]:
-    return [float(np.mean([np.mean(of_subject) for of_subject in subjects.values()])) for subjects in values.values()]
-
-
-def interval(values: Values, seed: int) -> tuple[float, float] | None:
-    """The 95 % percentile interval of `aggregate`, or None if no seed has two values.
-
-    Two-stage bootstrap: subjects are drawn with replacement, then each drawn subject's frames, so that
-    frames of one hand are not counted as independent hands. Methods, and seeds of a method, with the same
-    subjects and frames get the same draws: another training is no new frame.
+    A method that diverges leaves another count of NaN in every image; that is one reason, not a hundred.
     """
-    if max(sum(map(len, subjects.values())) for subjects in values.values()) < 2:
-        return None
-    means = np.mean([_resampled(subjects, np.random.default_rng(seed)) for subjects in values.values()], axis=0)
-    low, high = np.percentile(means, (2.5, 97.5))
-    return float(low), float(high)
+
+    def __init__(self) -> None:
+        self._numbers: dict[tuple[str, ...], int] = {}
+        self._ranges: dict[int, list[tuple[int, int]]] = {}
+
+    def number(self, reason: str) -> int:
+        counts = _COUNT if reason.startswith("non-finite") else _NOTHING
+        words = tuple(counts.split(reason))
+        found = [int(digits) for digits in counts.findall(reason)]
+        note = self._numbers.setdefault(words, len(self._numbers) + 1)
+        before = self._ranges.get(note, [(value, value) for value in found])
+        ranges = [(min(low, value), max(high, value)) for (low, high), value in zip(before, found, strict=True)]
+        self._ranges[note] = ranges
+        return note
+
+    def texts(self) -> tuple[str, ...]:
+        return tuple(self._text(words, self._ranges[note]) for words, note in self._numbers.items())
+
+    def _text(self, words: tuple[str, ...], ranges: list[tuple[int, int]]) -> str:
+        told = [str(low) if low == high else f"{low} to {high}" for low, high in ranges]
+        return "".join(part for pair in zip(words, (*told, ""), strict=True) for part in pair)
 
 
-def _resampled(values: Mapping[str, Sequence[float]], generator: np.random.Generator) -> Array:
-    """The mean over subjects of each bootstrap draw, (RESAMPLES,)."""
-    subjects = [np.asarray(of_subject, dtype=np.float64) for of_subject in values.values()]
-    chosen = generator.integers(len(subjects), size=(RESAMPLES, len(subjects)))
-    means = np.empty(chosen.shape)
-    for index, of_subject in enumerate(subjects):
-        drawn = chosen == index
-        frames: Array = generator.integers(len(of_subject), size=(int(drawn.sum()), len(of_subject)))
-        means[drawn] = of_subject[frames].mean(axis=1)
-    return means.mean(axis=1)
+@dataclass(frozen=True)
+class _Scored:
+    """The bootstrap draws (metrics, RESAMPLES) of a row, over the frames it has."""
+
+    values: Values
+    draws: Array
+
+
+def column_cells(
+    rows: Sequence[Values], columns: Sequence[Column], competing: Sequence[bool], notes: Footnotes
+) -> list[list[Cell]]:
+    """The cells of each row in the columns of one group, ranked among the `competing` rows."""
+    metrics, _, frames = rows[0].values.shape
+    flat = [row.values.reshape(-1, frames) for row in rows]
+    draws = np.split(
+        bootstrap(np.concatenate(flat), rows[0].subjects, columns[0].group.draws),
+        np.cumsum([len(each) for each in flat])[:-1],
+    )
+    scored = [
+        _Scored(row, np.stack([over_seeds(of_metric) for of_metric in drawn.reshape(metrics, -1, RESAMPLES)]))
+        for row, drawn in zip(rows, draws, strict=True)
+    ]
+    cells = [[_cell(each, i, notes) for i in range(metrics)] for each in scored]
+    for i, column in enumerate(columns):
+        eligible = {
+            position: value
+            for position, (row, may_win) in enumerate(zip(cells, competing, strict=True))
+            if may_win and row[i].complete and (value := row[i].value) is not None
+        }
+        for position, rank in _ranks(eligible, [each.draws[i] for each in scored], rows[0].subjects, column).items():
+            cells[position][i] = replace(cells[position][i], rank=rank)
+    return cells
+
+
+def _cell(scored: _Scored, metric: int, notes: Footnotes) -> Cell:
+    values, subjects = scored.values.values[metric], scored.values.subjects
+    reasons = scored.values.reasons[metric]
+    told = tuple(sorted({notes.number(reason) for reason in reasons}))
+    nonfinite = sum(count for reason, count in reasons.items() if reason.startswith(("non-finite", NOT_FINITE)))
+    present = np.isfinite(values)
+    covered = int(present.sum())
+    bounds = interval(scored.draws[metric], subjects[present.any(axis=0)]) if covered else None
+    low, high = bounds or (None, None)
+    return Cell(
+        aggregate(values, subjects),
+        low,
+        high,
+        covered,
+        values.size,
+        notes=told,
+        spread=seed_spread(values, subjects),
+        nonfinite=nonfinite,
+    )
+
+
+def _ranks(values: dict[int, float], draws: Sequence[Array], subjects: Array, column: Column) -> dict[int, int]:
+    """The best (1) and the second (2) of rows by position, and whoever cannot be told from one of them.
+
+    Going down from the best, rows share its mark as long as their values print alike or the interval of their paired
+    difference includes zero; the second is the best of the others. What follows a row that is told apart shares none.
+    """
+    metric = column.metric
+    left = sorted(values, key=lambda position: values[position], reverse=metric.higher_is_better)
+    found: dict[int, int] = {}
+    for rank in (1, 2):
+        for position in left:
+            bounds = interval(draws[left[0]] - draws[position], subjects)
+            alike = round(values[left[0]], metric.decimals) == round(values[position], metric.decimals)
+            if not (alike or (bounds is not None and bounds[0] <= 0 <= bounds[1])):
+                break
+            found[position] = rank
+        left = [position for position in left if position not in found]
+        if not left:
+            break
+    return found
+
+
+def with_differences(
+    cells: list[list[Cell]], rows: Sequence[Values], baseline: int, columns: Sequence[Column], family: Sequence[bool]
+) -> list[list[Cell]]:
+    """The cells with their paired differences to the row `baseline`, p-values corrected over the `family`."""
+    found = [list(row) for row in cells]
+    others = [position for position in range(len(rows)) if position != baseline]
+    for i, column in enumerate(columns):
+        pairs = [(rows[position].values[i], rows[baseline].values[i]) for position in others]
+        apart = differences(pairs, rows[baseline].subjects, column.group.draws)
+        for position, each in zip(others, corrected(apart, [family[position] for position in others]), strict=True):
+            found[position][i] = replace(found[position][i], difference=each)
+    return found

@@ -3,40 +3,51 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
-from typing import Any, TypeAlias
+from typing import Any
 
-from scipy.stats import kendalltau
+from handbench.bench.results import Values
+from handbench.bench.statistics import differences
 
-from .aggregate import interval, seed_spread
 from .model import Agreement, Column, Pair, Row, number
-from .run import Run
 
 LEAST = 3  # methods whose order is compared: two agree or not by chance
-Scores: TypeAlias = dict[tuple[int, str, str], float]  # (seed, subject, query) to value
 
 
-def agreements(run: Run, columns: tuple[Column, ...], rows: tuple[Row, ...]) -> Iterator[Agreement]:
-    """For each column whose order of at least `LEAST` methods is both published and measured on every frame."""
+def agreements(
+    columns: Sequence[Column],
+    rows: Sequence[Row],
+    values: Sequence[dict[str, Values]],
+    published: Sequence[Row],
+) -> Iterator[Agreement]:
+    """For each column whose order of at least `LEAST` methods is both published and measured on every frame.
+
+    `values`: of each measured row by protocol column.
+    """
     for index, column in enumerate(columns):
-        published = {r.name: r.cells[index].value for r in rows if r.kind == "published"}
+        known = {row.name: row.cells[index].value for row in published}
         both = [
-            row
-            for row in rows
-            if row.kind == "method" and row.cells[index].complete and published.get(row.name) is not None
+            (row, values[position][column.group.name])
+            for position, row in enumerate(rows)
+            if row.kind == "method" and row.cells[index].complete and known.get(row.name) is not None
         ]
         if len(both) >= LEAST:
-            told = [float(published[row.name] or 0.0) for row in both]
-            found = [float(row.cells[index].value or 0.0) for row in both]
-            scores = [_scores(run, row.name, column) for row in both]
-            pairs = (_pair(column, i, j, both, told, found, scores) for i, j in combinations(range(len(both)), 2))
-            yield Agreement(column, tuple(row.title for row in both), tau_b(told, found), tuple(pairs))
+            metric = index - columns.index(next(c for c in columns if c.group == column.group))
+            told = [float(known[row.name] or 0.0) for row, _ in both]
+            found = [float(row.cells[index].value or 0.0) for row, _ in both]
+            yield Agreement(
+                column,
+                tuple(row.title for row, _ in both),
+                tau_b(told, found),
+                tuple(_pairs(column, metric, both, told)),
+            )
 
 
 def tau_b(published: list[float], measured: list[float]) -> float | None:
     """Kendall's tau-b, which allows for ties; None if either side has no order at all."""
+    from scipy.stats import kendalltau  # half a second, which a table without published rows does without
+
     tau = float(kendalltau(published, measured, variant="b").statistic)
     return None if math.isnan(tau) else tau
 
@@ -79,24 +90,16 @@ def as_json(agreement: Agreement) -> dict[str, Any]:
     }
 
 
-def _scores(run: Run, method: str, column: Column) -> Scores:
-    return {
-        (cell["seed"], cell["subject"], score["query"]): score["value"]
-        for cell in run.of_method(method)
-        for score in cell["scores"]
-        if (score["column"], score["metric"]) == (column.group.name, column.metric.signature)
-    }
-
-
-def _pair(
-    column: Column, i: int, j: int, rows: list[Row], told: list[float], found: list[float], scores: list[Scores]
-) -> Pair:
+def _pairs(column: Column, metric: int, both: list[tuple[Row, Values]], told: list[float]) -> Iterator[Pair]:
+    """All pairs, the one that is published as better first."""
     better = 1.0 if column.metric.higher_is_better else -1.0
-    if better * (told[i] - told[j]) < 0:
-        i, j = j, i
-    ahead: dict[int, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for seed, subject, query in sorted(scores[i]):
-        ahead[seed][subject].append(better * (scores[i][seed, subject, query] - scores[j][seed, subject, query]))
-    low, high = interval(ahead, column.draws) or (None, None)
-    published, measured = (better * (values[i] - values[j]) for values in (told, found))
-    return Pair(rows[i].title, rows[j].title, published, measured, low, high, seed_spread(ahead))
+    order = [(i, j) if better * (told[i] - told[j]) >= 0 else (j, i) for i, j in combinations(range(len(both)), 2)]
+    scores = [better * values.values[metric] for _, values in both]
+    pairs = [(scores[i], scores[j]) for i, j in order]
+    for (i, j), apart in zip(
+        order, differences(pairs, both[0][1].subjects, column.group.draws, tested=False), strict=True
+    ):
+        if apart:
+            published = better * (told[i] - told[j])
+            titles = both[i][0].title, both[j][0].title
+            yield Pair(*titles, published, apart.value, apart.low, apart.high, apart.spread)

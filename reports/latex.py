@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import groupby
 
-from .model import Cell, Column, Group, Row, Table, letter, marks, number
+from .model import Cell, Column, Row, Table, bounds, chance, letter, marks, number, signed
 
 WIDTH = 9  # value columns that fit the text width of a plain article at \footnotesize
+WIDTH_APART = 5  # columns of differences with their intervals that do
 SPECIAL = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -21,6 +23,8 @@ SPECIAL = {
     "<": r"\textless{}",
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
+    "[": "{[}",
+    "]": "{]}",
     "→": r"$\rightarrow$",
     "×": r"$\times$",
     "≥": r"$\geq$",
@@ -35,67 +39,77 @@ SPECIAL = {
 
 
 def render_latex(table: Table) -> str:
-    """A `table` float for the booktabs package, folded at column groups to the width of a plain article.
+    """A `table` float for the booktabs package, folded at columns to the width of a plain article.
 
-    Best values are bold, second best underlined; calibration and published rows each come after a rule.
+    Best values are bold, second best underlined; calibration and published rows each come after a rule. With a
+    baseline a second float holds the differences to it, each over its interval and its p-value.
     """
-    blocks = "\n\n  \\medskip\n".join(_tabular(table, groups) for groups in _folded(table))
     notes = [f"\\textsuperscript{{{letter(i)}}}\\,{_escape(note)}." for i, note in enumerate(table.footnotes, start=1)]
     notes += [_escape(remark) for remark in table.remarks]
     below = "calibration and published values" if table.remarks else "calibration"
-    caption = f"{_escape(table.title)}. Best in bold, second best underlined; below the rule, {below}."
+    title = _escape(table.title)
+    marked = "Best in bold, second best underlined, with all that cannot be told from them"
     lines = [
         r"% needs \usepackage{booktabs}",
         *(f"% {metric.title}: {metric.signature}" for metric in table.metrics),
-        r"\begin{table}[htbp]",
-        r"  \centering\footnotesize\setlength{\tabcolsep}{3pt}",
-        f"  \\caption{{{caption}}}",
-        blocks,
-        *(["", f"  \\par\\smallskip {' '.join(notes)}"] if notes else []),
-        r"\end{table}",
+        *_float(f"{title}. {marked}; below the rule, {below}.", _tabulars(table, table.rows, WIDTH, _cell), notes),
     ]
+    if table.baseline:
+        caption = f"{title}. Paired differences to {_escape(table.baseline)}, 95\\% interval, corrected p-value."
+        blocks = _tabulars(table, table.compared, WIDTH_APART, _difference)
+        lines += ["", *_float(caption, blocks, [_escape(limit) for limit in table.limits])]
     return "\n".join(lines) + "\n"
 
 
-def _tabular(table: Table, groups: tuple[Group, ...]) -> str:
-    spans = [table.of_group(group) for group in groups]
-    indices = [index for span in spans for index in span]
-    heads = [
-        f"\\multicolumn{{{len(span)}}}{{c}}{{{_escape(group.title)}}}"
-        for group, span in zip(groups, spans, strict=True)
-    ]
-    rules, start = [], 2
-    for span in spans:
-        rules.append(f"\\cmidrule(lr){{{start}-{start + len(span) - 1}}}")
-        start += len(span)
-    kinds = [[row for row in table.rows if row.kind == kind] for kind in ("method", "calibration", "published")]
-    blocks = ["\n".join(_row(row, table, indices) for row in rows) for rows in kinds if rows]
-    lines = [
-        f"  \\begin{{tabular}}{{l{'r' * len(indices)}}}",
-        r"    \toprule",
-        f"    & {' & '.join(heads)} \\\\",
-        f"    {' '.join(rules)}",
-        f"    Method & {' & '.join(_head(table.columns[index]) for index in indices)} \\\\",
-        r"    \midrule",
-        "\n    \\midrule\n".join(blocks),
-        r"    \bottomrule",
-        r"  \end{tabular}",
-    ]
-    return "\n".join(lines)
+def _float(caption: str, blocks: Iterable[str], notes: Sequence[str]) -> Iterator[str]:
+    yield r"\begin{table}[htbp]"
+    yield r"  \centering\footnotesize\setlength{\tabcolsep}{3pt}"
+    yield f"  \\caption{{{caption}}}"
+    yield "\n\n  \\medskip\n".join(blocks)
+    if notes:
+        yield f"\n  \\par\\smallskip {' '.join(notes)}"
+    yield r"\end{table}"
 
 
-def _folded(table: Table) -> Iterator[tuple[Group, ...]]:
-    """Consecutive groups whose columns fit the width together; a group that alone is wider stays whole."""
-    batch: list[Group] = []
-    used = 0
+def _tabulars(table: Table, rows: Sequence[Row], width: int, text: Callable[[Cell, Column], str]) -> Iterator[str]:
+    """One tabular for each batch of columns that fit the width."""
+    for indices in _folded(table, width):
+        spans = [(group, len(list(members))) for group, members in groupby(table.columns[i].group for i in indices)]
+        heads = [f"\\multicolumn{{{size}}}{{c}}{{{_escape(group.title)}}}" for group, size in spans]
+        rules, start = [], 2
+        for _, size in spans:
+            rules.append(f"\\cmidrule(lr){{{start}-{start + size - 1}}}")
+            start += size
+        kinds = [[row for row in rows if row.kind == kind] for kind in ("method", "calibration", "published")]
+        blocks = ["\n".join(_row(row, table, indices, text) for row in of_kind) for of_kind in kinds if of_kind]
+        lines = [
+            f"  \\begin{{tabular}}{{l{'r' * len(indices)}}}",
+            r"    \toprule",
+            f"    & {' & '.join(heads)} \\\\",
+            f"    {' '.join(rules)}",
+            f"    Method & {' & '.join(_head(table.columns[index]) for index in indices)} \\\\",
+            r"    \midrule",
+            "\n    \\midrule\n".join(blocks),
+            r"    \bottomrule",
+            r"  \end{tabular}",
+        ]
+        yield "\n".join(lines)
+
+
+def _folded(table: Table, width: int) -> Iterator[list[int]]:
+    """Consecutive columns that fit the width together; a group is cut only if it alone is wider."""
+    batch: list[int] = []
     for group in table.groups:
-        width = len(table.of_group(group))
-        if batch and used + width > WIDTH:
-            yield tuple(batch)
-            batch, used = [], 0
-        batch.append(group)
-        used += width
-    yield tuple(batch)
+        members = list(table.of_group(group))
+        if batch and len(batch) + len(members) > width:
+            yield batch
+            batch = []
+        batch += members
+        while len(batch) > width:
+            yield batch[:width]
+            batch = batch[width:]
+    if batch:
+        yield batch
 
 
 def _head(column: Column) -> str:
@@ -104,16 +118,27 @@ def _head(column: Column) -> str:
     return f"\\shortstack[r]{{{head}\\\\({rest}}}" if bracket else head
 
 
-def _row(row: Row, table: Table, indices: list[int]) -> str:
+def _row(row: Row, table: Table, indices: list[int], text: Callable[[Cell, Column], str]) -> str:
     title = _escape(row.title + (row.suffix if row.kind == "published" else ""))
-    cells = [_cell(row.cells[index], table.columns[index]) for index in indices]
+    cells = [text(row.cells[index], table.columns[index]) for index in indices]
     return f"    {title} & {' & '.join(cells)} \\\\"
 
 
 def _cell(cell: Cell, column: Column) -> str:
     value = _escape(number(cell.value, column.metric.decimals))
     value = {0: value, 1: f"\\textbf{{{value}}}", 2: f"\\underline{{{value}}}"}[cell.rank]
-    return value + (f"\\textsuperscript{{{marks(cell)}}}" if cell.notes else "")
+    gap = "" if cell.complete else f"\\,{{\\tiny {cell.covered}/{cell.expected}}}"
+    return value + gap + (f"\\textsuperscript{{{marks(cell)}}}" if cell.notes else "")
+
+
+def _difference(cell: Cell, column: Column) -> str:
+    """The difference, its interval and its p-value, one over the other."""
+    apart, decimals = cell.difference, column.metric.decimals
+    if apart is None:
+        return "--"
+    below = [f"\\tiny {_escape(text)}" for text in (bounds(apart, decimals), chance(apart)) if text]
+    lines = r"\\".join([_escape(signed(apart.value, decimals)), *below])
+    return f"\\shortstack[r]{{{lines}}}"
 
 
 def _escape(text: str) -> str:

@@ -7,6 +7,8 @@ import zlib
 from dataclasses import dataclass
 from typing import Literal
 
+from handbench.bench.statistics import Difference
+
 COST_TITLES = ("train s", "personalise s", "new pose ms", "known pose ms", "min–max", "non-linearity")
 Kind = Literal["method", "calibration", "published"]
 
@@ -35,16 +37,16 @@ class Group:
     name: str
     title: str
 
+    @property
+    def draws(self) -> int:
+        """The seed of the bootstrap: every method and metric gets the same draws."""
+        return zlib.crc32(self.name.encode())
+
 
 @dataclass(frozen=True)
 class Column:
     group: Group
     metric: Metric
-
-    @property
-    def draws(self) -> int:
-        """The seed of the column's bootstrap: every method gets the same draws."""
-        return zlib.crc32(f"{self.group.name}|{self.metric.signature}".encode())
 
 
 @dataclass(frozen=True)
@@ -54,8 +56,10 @@ class Cell:
     A published value has neither count, interval nor rank.
     spread      standard deviation of the values of single seeds; None with fewer than two seeds
     low, high   95 % interval; None with fewer than two frames
-    rank        1 best, 2 second, 0 neither; never set with incomplete coverage
+    rank        1 best, 2 second, 0 neither; shared by what cannot be told apart; never set with incomplete coverage
     notes       numbers (from 1) of the table's footnotes that say why values are missing
+    nonfinite   how many of the missing values were NaN or infinite
+    difference  this value minus the baseline's, paired; None without a baseline, in its row, and where nothing pairs
     """
 
     value: float | None
@@ -66,6 +70,8 @@ class Cell:
     rank: int = 0
     notes: tuple[int, ...] = ()
     spread: float | None = None
+    nonfinite: int = 0
+    difference: Difference | None = None
 
     @property
     def complete(self) -> bool:
@@ -169,6 +175,8 @@ class Table:
     footnotes     why values are missing, by the numbers in `Cell.notes`
     remarks       what must be known of published rows
     agreements    one for each column whose order is published
+    baseline      title of the row that `Cell.difference` is against; "" if none was asked for
+    limits        how those differences are made and what they cannot tell
     """
 
     title: str
@@ -177,6 +185,13 @@ class Table:
     footnotes: tuple[str, ...]
     remarks: tuple[str, ...] = ()
     agreements: tuple[Agreement, ...] = ()
+    baseline: str = ""
+    limits: tuple[str, ...] = ()
+
+    @property
+    def compared(self) -> tuple[Row, ...]:
+        """The rows that are compared with the baseline."""
+        return tuple(row for row in self.rows if any(cell.difference for cell in row.cells))
 
     @property
     def computed(self) -> tuple[Row, ...]:
@@ -204,6 +219,26 @@ def number(value: float | None, decimals: int) -> str:
         return "∞" if value > 0 else "−∞"
     text = f"{value:.{decimals}f}"
     return text.replace("-", "−") if float(text) != 0 else text.lstrip("-")
+
+
+def signed(value: float | None, decimals: int) -> str:
+    """A difference as text: "+0.52", "−1.30", "0.00"."""
+    text = number(value, decimals)
+    return f"+{text}" if value is not None and value > 0 and float(f"{value:.{decimals}f}") != 0 else text
+
+
+def bounds(difference: Difference, decimals: int) -> str:
+    """The interval of a difference: "[+0.31, +0.70]", or "" if there is none."""
+    if difference.low is None or difference.high is None:
+        return ""
+    return f"[{signed(difference.low, decimals)}, {signed(difference.high, decimals)}]"
+
+
+def chance(difference: Difference) -> str:
+    """The adjusted p-value: "p 0.031", "p < 0.001", or "" if nothing was tested."""
+    if difference.adjusted is None:
+        return ""
+    return f"p {difference.adjusted:.2g}" if difference.adjusted >= 0.001 else "p < 0.001"
 
 
 def duration(span: Span | None) -> str:

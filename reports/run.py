@@ -2,39 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from handbench.bench.store import Store
-from handbench.errors import InputError
+from handbench.bench.reading import Run, read_plan, read_run
 
-
-@dataclass(frozen=True)
-class Run:
-    """A run as it lies on disk: `plan` is run.json, `cells` are the finished cells in the order of the plan."""
-
-    folder: Path
-    plan: dict[str, Any]
-    cells: tuple[dict[str, Any], ...]
-
-    def of_method(self, name: str) -> tuple[dict[str, Any], ...]:
-        return tuple(cell for cell in self.cells if cell["method"]["name"] == name)
-
-
-def read_run(folder: Path) -> Run:
-    """Raises `InputError` for a folder without a readable run; a cell that is absent or damaged is left out."""
-    store = Store(folder)
-    plan = read_plan(folder)
-    cells = (store.cell(key) for key in plan["cells"])
-    return Run(folder, plan, tuple(cell for cell in cells if cell is not None))
-
-
-def read_plan(folder: Path) -> dict[str, Any]:
-    plan = Store(folder).run()
-    if plan is None:
-        raise InputError(f"{folder} holds no readable run.json; give the folder that 'handbench run' printed")
-    return plan
+__all__ = ["Run", "machine", "read_plan", "read_run"]
 
 
 def machine(provenance: dict[str, Any]) -> str:

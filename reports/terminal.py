@@ -9,8 +9,25 @@ from rich.console import RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from handbench.bench.statistics import Difference
+
 from .agreement import headline, sentence
-from .model import COST_TITLES, Cell, Column, Group, Row, Table, cost_texts, letter, marks, number
+from .model import (
+    COST_TITLES,
+    Cell,
+    Column,
+    Group,
+    Metric,
+    Row,
+    Table,
+    bounds,
+    chance,
+    cost_texts,
+    letter,
+    marks,
+    number,
+    signed,
+)
 
 STYLES = {0: "", 1: "bold green", 2: "underline"}
 
@@ -18,9 +35,10 @@ STYLES = {0: "", 1: "bold green", 2: "underline"}
 def render_terminal(table: Table) -> RenderableType:
     """A rich renderable: print it with a `rich.console.Console`."""
     notes = [Text(f"{letter(index)}  {note}") for index, note in enumerate(table.footnotes, start=1)]
-    legend = "bold: best, underlined: second; calibration (*), published rows and values that miss frames cannot win"
-    remarks = [Text(text, style="dim") for text in (*table.remarks, legend)]
-    grids = [_grid(table, group) for group in table.groups]
+    legend = "bold: best, underlined: second, with all that cannot be told from them; calibration (*), published rows "
+    legend += "and values that miss frames cannot win"
+    remarks = [Text(text, style="dim") for text in (*table.remarks, *table.limits, legend)]
+    grids = [grid for group in table.groups for grid in (_grid(table, group), *_differences(table, group))]
     return Lines(Text(table.title, style="bold"), *grids, _costs(table), *_agreements(table), *notes, *remarks)
 
 
@@ -42,6 +60,29 @@ def _grid(table: Table, group: Group) -> RichTable:
     for row in table.rows:
         grid.add_row(_name(row), *(_cell(row.cells[index], table.columns[index]) for index in indices))
     return grid
+
+
+def _differences(table: Table, group: Group) -> Iterator[RichTable]:
+    if not table.baseline:
+        return
+    grid = _empty(f"{group.title}: difference to {table.baseline}", table.compared)
+    for index in table.of_group(group):
+        metric = table.columns[index].metric
+        grid.add_column(f"{metric.title} {metric.arrow}", justify="right", overflow="fold")
+    for row in table.compared:
+        cells = (difference_text(row.cells[i].difference, table.columns[i].metric) for i in table.of_group(group))
+        grid.add_row(_name(row), *cells)
+    yield grid
+
+
+def difference_text(apart: Difference | None, metric: Metric) -> Text:
+    """A difference, its interval and its p-value on a line each; bold if the interval excludes zero."""
+    if apart is None:
+        return Text("–")
+    text = Text(signed(apart.value, metric.decimals), style="bold" if apart.separated else "")
+    for line in filter(None, (bounds(apart, metric.decimals), chance(apart))):
+        text.append(f"\n{line}", style="not bold dim")
+    return text
 
 
 def _costs(table: Table) -> RichTable:

@@ -7,44 +7,73 @@ import io
 from collections.abc import Iterator
 
 from .agreement import headline, sentence
-from .model import COST_TITLES, Cell, Column, Row, Table, cost_texts, letter, marks, number
+from .model import (
+    COST_TITLES,
+    Cell,
+    Column,
+    Row,
+    Table,
+    bounds,
+    chance,
+    cost_texts,
+    letter,
+    marks,
+    number,
+    signed,
+)
 
 CSV_METHOD = ("method", "title", "kind", "fidelity")
 CSV_METRIC = ("column", "metric", "signature", "unit", "higher_is_better")
-CSV_VALUE = ("value", "low", "high", "spread", "covered", "expected", "rank", "reasons")
+CSV_VALUE = ("value", "low", "high", "spread", "covered", "expected", "nonfinite", "rank", "reasons")
+CSV_DIFFERENCE = ("baseline", "difference", "difference_low", "difference_high", "p", "p_holm", "paired", "subjects")
 
 
 def render_csv(table: Table) -> str:
     """One line a value, in full precision.
 
     Of a method alone are lines with the metrics train_s, personalise_s, first_ms, relight_ms and nonlinearity. Lines of
-    kind "agreement" hold Kendall's tau of a column, with its inversions as reasons.
+    kind "agreement" hold Kendall's tau of a column, with its inversions as reasons. With a baseline there are more
+    columns, which hold the paired difference to it.
     """
     out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow((*CSV_METHOD, *CSV_METRIC, *CSV_VALUE))
+    columns = (*CSV_METHOD, *CSV_METRIC, *CSV_VALUE, *(CSV_DIFFERENCE if table.baseline else ()))
+    writer = csv.DictWriter(out, columns, lineterminator="\n")
+    writer.writeheader()
     for row in table.rows:
-        head = (row.name, row.title, row.kind, row.fidelity)
+        head = dict(zip(CSV_METHOD, (row.name, row.title, row.kind, row.fidelity), strict=True))
         for column, cell in zip(table.columns, row.cells, strict=True):
-            metric = column.metric
-            reasons = "; ".join(table.footnotes[note - 1] for note in cell.notes)
-            about = (metric.name, metric.signature, metric.unit, metric.higher_is_better)
-            counts = (cell.covered, cell.expected) if row.kind != "published" else ("", "")
-            numbers = (cell.value, cell.low, cell.high, cell.spread, *counts, cell.rank or "", reasons)
-            writer.writerow((*head, column.group.name, *about, *numbers))
+            writer.writerow({**head, **_csv_column(column), **_csv_cell(row, cell, table)})
         for name, unit in (("train_s", "s"), ("personalise_s", "s"), ("first_ms", "ms"), ("relight_ms", "ms")):
             span = getattr(row.times, name)
             if span is not None:
-                values = (span.median, span.low, span.high)
-                writer.writerow((*head, "", name, "", unit, False, *values, "", "", "", "", ""))
+                values = {"value": span.median, "low": span.low, "high": span.high}
+                writer.writerow({**head, "metric": name, "unit": unit, "higher_is_better": False, **values})
         if row.nonlinearity is not None:
-            writer.writerow((*head, "", "nonlinearity", "", "", False, row.nonlinearity, *[""] * 7))
+            bend = {"metric": "nonlinearity", "higher_is_better": False, "value": row.nonlinearity}
+            writer.writerow({**head, **bend})
     for agreement in table.agreements:
         column = agreement.column
         inverted = "; ".join(sentence(pair, column) for pair in agreement.inversions)
-        place = (column.group.name, column.metric.name, column.metric.signature, "", True)
-        writer.writerow(("", "", "agreement", "", *place, agreement.tau, *[""] * 6, inverted))
+        place = {**_csv_column(column), "unit": "", "higher_is_better": True}
+        writer.writerow({"kind": "agreement", **place, "value": agreement.tau, "reasons": inverted})
     return out.getvalue()
+
+
+def _csv_column(column: Column) -> dict[str, object]:
+    metric = column.metric
+    about = (column.group.name, metric.name, metric.signature, metric.unit, metric.higher_is_better)
+    return dict(zip(CSV_METRIC, about, strict=True))
+
+
+def _csv_cell(row: Row, cell: Cell, table: Table) -> dict[str, object]:
+    reasons = "; ".join(table.footnotes[note - 1] for note in cell.notes)
+    counts = (cell.covered, cell.expected, cell.nonfinite) if row.kind != "published" else ("", "", "")
+    values = (cell.value, cell.low, cell.high, cell.spread, *counts, cell.rank or "", reasons)
+    found: dict[str, object] = dict(zip(CSV_VALUE, values, strict=True))
+    if apart := cell.difference:
+        told = (table.baseline, apart.value, apart.low, apart.high, apart.p, apart.adjusted, apart.paired)
+        found |= dict(zip(CSV_DIFFERENCE, (*told, apart.subjects), strict=True))
+    return found
 
 
 def render_markdown(table: Table) -> str:
@@ -61,6 +90,11 @@ def _markdown(table: Table) -> Iterator[str]:
         yield from _pipes(["Method", *titles])
         for row in table.rows:
             yield _line([_title(row), *(_markdown_cell(row.cells[i], table.columns[i]) for i in indices)])
+        if table.baseline:
+            yield f"\nDifference to {_safe(table.baseline)}:\n"
+            yield from _pipes(["Method", *titles])
+            for row in table.compared:
+                yield _line([_title(row), *(_markdown_difference(row.cells[i], table.columns[i]) for i in indices)])
     yield "\n## Time and linearity in light\n"
     yield from _pipes(["Method", *COST_TITLES])
     for row in table.computed:
@@ -70,9 +104,9 @@ def _markdown(table: Table) -> Iterator[str]:
     for agreement in table.agreements:
         yield f"- {_safe(headline(agreement))}"
         yield from (f"  - {_safe(sentence(pair, agreement.column))}" for pair in agreement.inversions)
-    yield "\nBest in **bold**, second in *italics*; rows with \\* are calibration."
+    yield "\nBest in **bold**, second in *italics*, shared by what cannot be told apart; rows with \\* are calibration."
     yield "Brackets hold the 95 % interval; after ± stands the standard deviation over seeds."
-    yield from (f"\n{_safe(remark)}" for remark in table.remarks)
+    yield from (f"\n{_safe(remark)}" for remark in (*table.remarks, *table.limits))
     if table.footnotes:
         yield ""
     for index, note in enumerate(table.footnotes, start=1):
@@ -106,6 +140,13 @@ def _markdown_cell(cell: Cell, column: Column) -> str:
     if not cell.complete:
         text += f" ({cell.covered}/{cell.expected})"
     return text + (f" <sup>{marks(cell)}</sup>" if cell.notes else "")
+
+
+def _markdown_difference(cell: Cell, column: Column) -> str:
+    apart, decimals = cell.difference, column.metric.decimals
+    if apart is None:
+        return "–"
+    return " ".join(filter(None, (signed(apart.value, decimals), bounds(apart, decimals), _safe(chance(apart)))))
 
 
 def _safe(text: str) -> str:

@@ -22,9 +22,15 @@ def result(whole_run: Path) -> Table:
     return table(whole_run)
 
 
+@pytest.fixture(scope="module")
+def compared(whole_run: Path) -> Table:
+    return table(whole_run, baseline="urhand")
+
+
 def _nasty(result: Table) -> Table:
     rows = (replace(result.rows[0], title=NASTY), *result.rows[1:])
-    return replace(result, title=NASTY, rows=rows, footnotes=tuple(NASTY for _ in result.footnotes))
+    named = NASTY if result.baseline else ""
+    return replace(result, title=NASTY, baseline=named, rows=rows, footnotes=tuple(NASTY for _ in result.footnotes))
 
 
 def _printed(result: Table, width: int) -> str:
@@ -44,13 +50,40 @@ def test_latex_rows_have_as_many_cells_as_their_tabular_has_columns(result: Tabl
                 assert len(re.findall(r"(?<!\\)&", line)) + 1 + spanned == len(columns), line
 
 
-def test_latex_is_balanced_and_escaped(result: Table) -> None:
-    text = "\n".join(line for line in render_latex(_nasty(result)).splitlines() if not line.startswith("%"))
-    bare = re.sub(r"\\[\\{}$&#%_]", "", text)
-    assert bare.count("{") == bare.count("}")
-    assert bare.count("$") % 2 == 0
-    assert not re.search(r"[#%_~^|<>–∞−]", bare.replace("_", "") if "_" not in NASTY else bare)
-    assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == text.count(r"\toprule")
+def test_latex_is_balanced_and_escaped(result: Table, compared: Table) -> None:
+    """What a compiler would stumble on, as there may be none here: braces, maths, environments, bare characters."""
+    for each in (_nasty(result), _nasty(compared)):
+        text = "\n".join(line for line in render_latex(each).splitlines() if not line.startswith("%"))
+        bare = re.sub(r"\\[\\{}$&#%_]", "", text)
+        depth = 0
+        for character in bare:
+            depth += {"{": 1, "}": -1}.get(character, 0)
+            assert depth >= 0
+        assert depth == 0 and bare.count("$") % 2 == 0
+        assert not re.search(r"[^\x00-\x7f]", text) and not re.search(r"[#%_~^|]", bare)
+        open_environments = []
+        for kind, name in re.findall(r"\\(begin|end)\{(\w+)\}", text):
+            if kind == "begin":
+                open_environments.append(name)
+            else:
+                assert open_environments.pop() == name
+        assert not open_environments
+        assert text.count(r"\begin{tabular}") == text.count(r"\toprule") == text.count(r"\bottomrule")
+        assert r"\\[" not in text, "a row that starts with a bracket would be read as a length"
+
+
+def test_latex_uses_booktabs_and_the_kernel_alone(compared: Table) -> None:
+    known = "begin end toprule midrule bottomrule cmidrule multicolumn shortstack caption centering footnotesize tiny"
+    known += " setlength tabcolsep medskip par smallskip textbf underline textsuperscript uparrow downarrow"
+    known += " textbackslash textasciitilde textasciicircum textless textgreater textbar usepackage"
+    assert set(re.findall(r"\\([a-zA-Z]+)", render_latex(_nasty(compared)))) <= set(known.split())
+    assert render_latex(compared).startswith("% needs \\usepackage{booktabs}\n")
+
+
+def test_latex_says_how_much_a_value_covers(result: Table) -> None:
+    (line,) = (line for line in render_latex(result).splitlines() if line.strip().startswith("Phong"))
+    assert line.count(r"{\tiny 16/24}") == 6 and line.count(r"{\tiny 15/24}") == 3
+    assert r"\textsuperscript{a,b}" in line or r"\textsuperscript{a}" in line
 
 
 def test_latex_marks_best_and_second(result: Table) -> None:
@@ -113,3 +146,29 @@ def test_non_linearity_stands_beside_the_times(result: Table) -> None:
     lines = csv.DictReader(io.StringIO(render_csv(measured)))
     found = {line["method"]: float(line["value"]) for line in lines if line["metric"] == "nonlinearity"}
     assert found == {"physical": 0.0, "urhand": 2.1e-7}
+
+
+def test_differences_are_in_every_format(compared: Table) -> None:
+    row = next(row for row in compared.rows if row.name == "physical")
+    apart = row.cells[0].difference
+    assert apart is not None and apart.low is not None and apart.high is not None
+    value, low, high = (f"{abs(x):.2f}" for x in (apart.value, apart.low, apart.high))
+    text = f"−{value} [−{low}, −{high}] p 0.5"
+    assert f"| Physical\\_BRDF & fit | {text} |".replace("\\_", "_") in render_markdown(compared)
+    printed = _printed(compared, 120)
+    assert f"−{value}" in printed and f"[−{low}, −{high}]" in printed and "difference to URHand" in printed
+    latex = f"\\shortstack[r]{{$-${value}\\\\\\tiny {{[}}$-${low}, $-${high}{{]}}\\\\\\tiny p 0.5}}"
+    assert latex in render_latex(compared) and r"\end{table}" in render_latex(compared).split("Paired differences")[1]
+    lines = csv.DictReader(io.StringIO(render_csv(compared)))
+    (line,) = (x for x in lines if (x["method"], x["column"], x["metric"]) == ("physical", "unseen-segment", "psnr"))
+    assert line["baseline"] == "URHand" and float(line["difference"]) == apart.value
+    assert (float(line["p"]), float(line["p_holm"]), line["paired"], line["subjects"]) == (0.25, 0.5, "24", "3")
+    for text in (render_markdown(compared), printed, render_latex(compared)):
+        assert "Too few subjects to claim a difference" in " ".join(text.split())
+
+
+def test_values_that_are_not_finite_are_counted(result: Table) -> None:
+    lines = list(csv.DictReader(io.StringIO(render_csv(result))))
+    found = {line["nonfinite"] for line in lines if line["method"] == "phong" and line["column"] == "unseen-light"}
+    assert found == {"1"}
+    assert {line["nonfinite"] for line in lines if line["method"] == "urhand" and line["column"]} == {"0"}

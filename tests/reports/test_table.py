@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,8 +12,11 @@ import pytest
 
 from handbench.errors import InputError
 from handbench.reports import table
-from handbench.reports.aggregate import aggregate, interval
-from handbench.reports.model import Cell, Row, Table, letter, number
+from handbench.reports.aggregate import Footnotes
+from handbench.reports.model import Cell, Row, Table, letter, number, signed
+
+sys.path.append(str(Path(__file__).parents[1] / "bench" / "fakes"))
+from runfakes import plain, write_run
 
 SetScores = Callable[..., None]
 
@@ -23,41 +27,6 @@ def _row(result: Table, name: str) -> Row:
 
 def _cell(result: Table, method: str, column: int = 0) -> Cell:
     return _row(result, method).cells[column]
-
-
-def test_subjects_and_seeds_weigh_alike_whatever_their_number_of_frames() -> None:
-    assert aggregate({0: {"a": [0.0, 0.0, 0.0, 0.0], "b": [10.0]}}) == 5.0
-    # Of seed 1, subject a has no value. Seeds first would give (0 + (10 + 20) / 2) / 2 = 7.5.
-    assert aggregate({0: {"a": [0.0, 0.0], "b": [10.0]}, 1: {"b": [20.0]}}) == 12.5
-
-
-def test_another_seed_with_the_same_values_narrows_no_interval() -> None:
-    values = {name: list(np.random.default_rng(ord(name)).normal(size=9)) for name in "abcd"}
-    assert interval({0: values, 1: values, 2: values}, seed=5) == pytest.approx(interval({0: values}, seed=5))
-
-
-def test_the_interval_of_one_frame_a_subject_is_the_bootstrap_of_subjects() -> None:
-    values = np.random.default_rng(1).normal(30, 2, 40)
-    low, high = interval({0: {str(i): [value] for i, value in enumerate(values)}}, seed=3) or (0.0, 0.0)
-    # Normal theory for the mean of 40 independent values; the bootstrap agrees within a tenth of its width.
-    half = 1.96 * values.std() / np.sqrt(len(values))
-    assert low == pytest.approx(values.mean() - half, abs=0.2 * half)
-    assert high == pytest.approx(values.mean() + half, abs=0.2 * half)
-
-
-def test_frames_of_one_subject_do_not_count_as_independent() -> None:
-    rng = np.random.default_rng(2)
-    hands = rng.normal(30, 3, 5)
-    clustered = interval({0: {str(i): list(hand + rng.normal(0, 0.1, 50)) for i, hand in enumerate(hands)}}, seed=0)
-    alone = interval({0: {str(i): [hand] for i, hand in enumerate(hands)}}, seed=0)
-    assert clustered is not None and alone is not None
-    assert clustered[1] - clustered[0] == pytest.approx(alone[1] - alone[0], rel=0.1)
-
-
-def test_the_interval_repeats_and_needs_two_values() -> None:
-    values = {0: {name: list(np.random.default_rng(ord(name)).normal(size=9)) for name in "abcd"}}
-    assert interval(values, seed=5) == interval(values, seed=5) != interval(values, seed=6)
-    assert interval({0: {"a": [1.0]}, 1: {"a": [2.0]}}, seed=0) is None
 
 
 def test_every_method_and_column_is_there(whole_run: Path) -> None:
@@ -124,7 +93,7 @@ def _is(path: Path, method: str, subject: str) -> bool:
 def test_a_value_that_is_not_finite_cannot_hide(run_folder: Path, set_scores: SetScores, bad: float) -> None:
     set_scores(run_folder, "urhand", psnr=bad)
     cell = _cell(table(run_folder), "urhand")
-    assert (cell.value, cell.covered, cell.rank) == (None, 0, 0)
+    assert (cell.value, cell.covered, cell.rank, cell.nonfinite) == (None, 0, 0, cell.expected)
     assert cell.notes
 
 
@@ -133,6 +102,99 @@ def test_values_that_print_alike_share_their_rank(run_folder: Path, set_scores: 
     set_scores(run_folder, "physical", psnr=33.004)
     result = table(run_folder)
     assert _cell(result, "urhand").rank == _cell(result, "physical").rank == 1
+
+
+def _shift(run: Path, method: str, other: str, by: Callable[[int], float]) -> None:
+    """Give a method the PSNR of another one, frame by frame, and `by(number of the frame)` more."""
+    cells = {path: json.loads(path.read_text()) for path in (run / "cells").glob("*.json")}
+    for path, cell in cells.items():
+        if cell["method"]["name"] == method:
+            (like,) = (c for c in cells.values() if (c["method"]["name"], c["subject"]) == (other, cell["subject"]))
+            for i, (score, source) in enumerate(zip(cell["scores"], like["scores"], strict=True)):
+                if score["metric"].startswith("psnr"):
+                    score["value"] = source["value"] + by(i // 3)
+            path.write_text(json.dumps(cell))
+
+
+def test_methods_that_their_paired_interval_cannot_tell_apart_share_the_mark(run_folder: Path) -> None:
+    _shift(run_folder, "physical", "urhand", lambda i: 0.05 + (2.0 if i % 2 else -2.0))
+    assert [_cell(table(run_folder), name).rank for name in ("urhand", "physical")] == [1, 1]
+    # A tenth of the interval of either method, but on every frame.
+    _shift(run_folder, "physical", "urhand", lambda i: 0.05)
+    result = table(run_folder)
+    assert [_cell(result, name).rank for name in ("urhand", "physical")] == [2, 1]
+    ours, theirs = (_cell(result, name) for name in ("urhand", "physical"))
+    assert ours.high is not None and theirs.low is not None and ours.high > theirs.low
+
+
+def test_differences_to_a_baseline_are_paired_and_corrected(run_folder: Path) -> None:
+    _shift(run_folder, "physical", "urhand", lambda i: -0.3 + 0.1 * (i % 2))
+    assert all(cell.difference is None for row in table(run_folder).rows for cell in row.cells)
+    result = table(run_folder, baseline="urhand")
+    assert result.baseline == "URHand" and [row.name for row in result.compared] == [
+        "oracle",
+        "mean",
+        "phong",
+        "physical",
+    ]
+    found = _cell(result, "physical").difference
+    assert found is not None and found.value == pytest.approx(-0.25) and found.separated
+    assert (found.paired, found.subjects) == (24, 3)
+    assert (found.p, found.adjusted) == (0.25, 0.5), "three subjects, two measured methods beside the baseline"
+    phong = _cell(result, "phong").difference
+    assert phong is not None and (phong.paired, phong.subjects) == (16, 2), "only frames that both have"
+    mean = _cell(result, "mean").difference
+    assert mean is not None and mean.adjusted == mean.p, "calibration rows are no part of the family"
+    assert "Too few subjects" in result.limits[-1] and "with 3 subjects p cannot fall below 0.25" in result.limits[-1]
+    with pytest.raises(InputError, match="unknown baseline 'urhnad'; did you mean 'urhand'"):
+        table(run_folder, baseline="urhnad")
+
+
+def _better(method: str, metric: str, subject: int, seed: int, frame: int) -> float:
+    return plain(method, metric, subject, seed, frame) + (1.0 if (method, metric) == ("good", "psnr") else 0.0)
+
+
+def test_runs_of_one_protocol_are_one_table(tmp_path: Path) -> None:
+    first = write_run(tmp_path / "first", methods=("oracle", "good"))
+    second = write_run(tmp_path / "second", methods=("oracle", "fair", "good"))
+    assert [row.title for row in table(first, second).rows] == ["Oracle", "Good", "Fair"], "equal cells are one row"
+    assert _row(table(first, second), "good") == _row(table(first), "good")
+    third = write_run(tmp_path / "third", _better, methods=("good",), salt={"good": "another version"})
+    result = table(first, second, third)
+    assert [row.title for row in result.rows] == ["Oracle", "Good", "Fair", "Good (third)"]
+    assert [_cell(result, name).rank for name in ("good", "fair", "good (third)")] == [2, 2, 1]
+    apart = _cell(table(first, third, baseline="good"), "good (third)").difference
+    assert apart is not None and apart.value == pytest.approx(1.0) and apart.separated
+
+
+def test_parts_of_a_sharded_run_are_the_whole_run(tmp_path: Path) -> None:
+    whole, *parts = (write_run(tmp_path / name) for name in ("whole", "one", "two"))
+    for part, kept in zip(parts, (0, 1), strict=True):
+        for i, path in enumerate(sorted((part / "cells").iterdir())):
+            if i % 2 != kept:
+                path.unlink()
+    assert not _cell(table(parts[0]), "good").complete
+    assert table(*parts) == table(whole)
+
+
+def test_versions_and_data_are_not_mixed(tmp_path: Path) -> None:
+    first = write_run(tmp_path / "first")
+    newer = write_run(tmp_path / "newer", version=2)
+    other = write_run(tmp_path / "other", capture="e" * 16)
+    with pytest.raises(
+        InputError, match=r"cannot share a table: the protocols differ: .*first ran toy@1.*newer ran toy@2"
+    ):
+        table(first, newer)
+    with pytest.raises(InputError, match=r"the data differ: .*first used openstage tiny \(cccccccc\).*\(eeeeeeee\)"):
+        table(first, other)
+
+
+def test_reasons_that_differ_in_a_number_are_one_footnote() -> None:
+    notes = Footnotes()
+    texts = ["non-finite: 3 values are NaN", "out of memory", "non-finite: 70 values are NaN", "failed: 3", "failed: 4"]
+    texts += ["non-finite: loss 0.5 of s01", "non-finite: loss 1.5 of s02"]
+    assert [notes.number(text) for text in texts] == [1, 2, 1, 3, 4, 5, 6]
+    assert notes.texts() == ("non-finite: 3 to 70 values are NaN", "out of memory", *texts[3:])
 
 
 def test_seeds_are_averaged_and_owed(run_folder: Path) -> None:
@@ -170,6 +232,7 @@ def test_numbers_as_text() -> None:
         "0.00",
         "∞",
     ]
+    assert [signed(value, 2) for value in (0.5, -0.5, 0.001, 0.0, None)] == ["+0.50", "−0.50", "0.00", "0.00", "–"]
     assert [letter(note) for note in (1, 26, 27, 53)] == ["a", "z", "aa", "ba"]
 
 

@@ -1,0 +1,273 @@
+"""May a candidate run replace a baseline run? Quality and times of the methods that both measured.
+
+A regression needs both: an effect beyond its threshold, and a 95 % interval that excludes no effect. What cannot be
+compared is said, never guessed: another protocol, other data or seeds, another coverage, another device for times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, unknown_name
+from .reading import Run, mismatch
+from .results import Results, Values
+from .statistics import aggregate, differences, time_ratio
+
+TIMES = {"first_ms": "new pose, ms", "relight_ms": "known pose, ms"}  # of a frame; compared with their spread
+_SEED = 0  # of the bootstrap
+
+
+class Verdict(IntEnum):
+    """The exit code of `handbench gate`."""
+
+    PASS = 0
+    REGRESSION = 1
+    NOT_COMPARABLE = 2
+    FAILED = 3
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How much worse a metric may be: a share of the baseline's value, or an amount for single metrics by name.
+
+    What does not show in the metric's printed decimals is never too much.
+    """
+
+    share: float = 0.01
+    amounts: dict[str, float] = field(default_factory=dict)
+
+    def allowed(self, metric: dict[str, Any], value: float) -> float:
+        shown = 0.5 * 10.0 ** -metric["decimals"]
+        return max(self.amounts.get(metric["name"], self.share * abs(value)), shown)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One comparison. `worse` is how far the candidate is on the wrong side, with its interval, in the unit of
+    `allowed`; for times the factor minus one. verdict: "regression", "worse" (beyond noise but allowed, or too much
+    but within noise), "same" or "better"."""
+
+    method: str
+    column: str
+    metric: str
+    baseline: float
+    candidate: float
+    worse: float
+    low: float | None
+    high: float | None
+    allowed: float
+    verdict: str
+    kind: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the gate found; `reasons` say why there is nothing to compare, or what failed."""
+
+    verdict: Verdict
+    checks: tuple[Check, ...] = ()
+    reasons: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def regressions(self) -> tuple[Check, ...]:
+        return tuple(check for check in self.checks if check.verdict == "regression")
+
+    @property
+    def sentence(self) -> str:
+        """The outcome in one sentence."""
+        if self.verdict is Verdict.NOT_COMPARABLE:
+            return f"not comparable: {'; '.join(self.reasons)}"
+        if self.verdict is Verdict.FAILED:
+            return f"the candidate run failed: {'; '.join(self.reasons)}"
+        count = len(self.checks)
+        if self.verdict is Verdict.PASS:
+            return f"pass: none of {count} comparisons is a regression"
+        methods = ", ".join(dict.fromkeys(check.method for check in self.regressions))
+        return f"regression: {len(self.regressions)} of {count} comparisons, in {methods}"
+
+
+def gate(
+    candidate: Run,
+    baseline: Run,
+    quality: Quality,
+    time: float | None,
+    time_asked: bool = False,
+    methods: Sequence[str] | None = None,
+) -> Outcome:
+    """Compare a candidate run with a baseline.
+
+    quality     how much worse a metric may be
+    time        how much longer a frame may take, as a share; None compares no times
+    time_asked  other devices make the runs not comparable; otherwise times are then left out, with a remark
+    methods     to compare; None: all measured methods of the baseline (no calibration rows)
+
+    Raises `InputError` for a method that the baseline does not have and an amount for a metric that it does not have.
+    """
+    if why := mismatch(baseline, candidate):
+        return Outcome(Verdict.NOT_COMPARABLE, reasons=(why,))
+    chosen = _methods(baseline, methods)
+    known = [metric["name"] for metric in baseline.plan["protocol"]["metrics"]]
+    for name in quality.amounts:
+        if name not in known:
+            raise unknown_name(f"metric of {baseline.protocol}", name, known)
+    with Results([candidate]) as results:
+        new = _Side(candidate, results.values(candidate), results.cells(candidate))
+    with Results([baseline]) as results:
+        old = _Side(baseline, results.values(baseline), results.cells(baseline))
+    if failed := tuple(new.failures()):
+        return Outcome(Verdict.FAILED, reasons=failed)
+    if reasons := tuple(_incomparable(new, old, chosen)):
+        return Outcome(Verdict.NOT_COMPARABLE, reasons=reasons)
+    checks = list(_qualities(new, old, chosen, quality))
+    remarks = list(_remarks(new, old, chosen))
+    if time is not None:
+        if why := _other_device(new, old, chosen):
+            if time_asked:
+                return Outcome(Verdict.NOT_COMPARABLE, reasons=(f"times of different devices: {why}",))
+            remarks.append(f"Times are not compared, the devices differ: {why}.")
+        else:
+            checks += _times(new, old, chosen, time)
+    bad = any(check.verdict == "regression" for check in checks)
+    return Outcome(Verdict.REGRESSION if bad else Verdict.PASS, tuple(checks), remarks=tuple(remarks))
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One of the two runs."""
+
+    run: Run
+    values: dict[tuple[str, str], Values]
+    cells: list[dict[str, Any]]
+
+    def info(self, method: str) -> dict[str, Any]:
+        return next(info for info in self.run.plan["methods"] if info["name"] == method)
+
+    def of(self, method: str) -> dict[tuple[int, str], dict[str, Any]]:
+        """The cells of a method by seed and subject."""
+        return {(cell["seed"], cell["subject"]): cell for cell in self.cells if cell["method"] == method}
+
+    def failures(self) -> Iterator[str]:
+        if missing := len(self.run.plan["cells"]) - len(self.cells):
+            yield f"{missing} of {len(self.run.plan['cells'])} cells of {self.run.folder} are not computed"
+        for cell in self.cells:
+            if cell["error"]:
+                last = cell["error"].strip().splitlines()[-1]
+                yield f"{cell['method']} {cell['subject']} seed {cell['seed']} crashed ({last})"
+
+    @property
+    def names(self) -> list[str]:
+        return [info["name"] for info in self.run.plan["methods"]]
+
+
+def _methods(baseline: Run, methods: Sequence[str] | None) -> list[str]:
+    infos = {info["name"]: info for info in baseline.plan["methods"]}
+    for name in methods or ():
+        if name not in infos:
+            raise unknown_name(f"method of {baseline.folder}", name, infos)
+    measured = [name for name, info in infos.items() if not _calibration(info)]
+    if not methods and not measured:
+        raise InputError(f"{baseline.folder} holds calibration rows only; name methods to compare with --methods")
+    return list(methods or measured)
+
+
+def _calibration(info: dict[str, Any]) -> bool:
+    return bool(info["truth"]) or info["fidelity"].startswith("calibration")
+
+
+def _incomparable(new: _Side, old: _Side, methods: Sequence[str]) -> Iterator[str]:
+    """Other seeds, a method that is gone, other coverage."""
+    seeds = sorted(new.run.plan["seeds"]), sorted(old.run.plan["seeds"])
+    if seeds[0] != seeds[1]:
+        yield f"the seeds differ: {new.run.folder} has {seeds[0]}, {old.run.folder} has {seeds[1]}"
+        return
+    for method in methods:
+        if method not in new.names:
+            yield f"{new.run.folder} has no method {method!r}, which {old.run.folder} has"
+            continue
+        for column in new.run.plan["protocol"]["columns"]:
+            ours, theirs = (side.values[method, column["name"]] for side in (new, old))
+            counts = [int(np.isfinite(side.values).sum()) for side in (ours, theirs)]
+            if not np.array_equal(np.isfinite(ours.values), np.isfinite(theirs.values)):
+                why = next((reason for reasons in (*ours.reasons, *theirs.reasons) for reason in reasons), "")
+                yield (
+                    f"the coverage of {method} in column {column['name']!r} differs: {counts[0]} of "
+                    f"{ours.values.size} values in {new.run.folder}, {counts[1]} in {old.run.folder} ({why})"
+                )
+
+
+def _qualities(new: _Side, old: _Side, methods: Sequence[str], quality: Quality) -> Iterator[Check]:
+    protocol = old.run.plan["protocol"]
+    for column in protocol["columns"]:
+        sides = [(new.values[method, column["name"]], old.values[method, column["name"]]) for method in methods]
+        for place, metric in enumerate(protocol["metrics"]):
+            wrong = -1.0 if metric["higher_is_better"] else 1.0
+            pairs = [(wrong * ours.values[place], wrong * theirs.values[place]) for ours, theirs in sides]
+            apart = differences(pairs, sides[0][0].subjects, _SEED, tested=False)
+            for method, both, each in zip(methods, sides, apart, strict=True):
+                after, before = (aggregate(side.values[place], side.subjects) for side in both)
+                if each is not None and after is not None and before is not None:
+                    allowed = quality.allowed(metric, before)
+                    verdict = _verdict(each.value, each.low, each.high, allowed)
+                    told = (method, column["title"], metric["title"], before, after)
+                    yield Check(*told, each.value, each.low, each.high, allowed, verdict, "quality")
+
+
+def _times(new: _Side, old: _Side, methods: Sequence[str], allowed: float) -> Iterator[Check]:
+    for method in methods:
+        earlier = old.of(method)
+        for name, title in TIMES.items():
+            pairs = [(cell["times"][name], earlier[place]["times"][name]) for place, cell in new.of(method).items()]
+            measured = [pair for pair in pairs if all(pair)]
+            if measured:
+                ours, theirs = zip(*measured, strict=True)
+                ratio, low, high = time_ratio(_repeats(ours), _repeats(theirs), _SEED)
+                low, high = (None if bound is None else bound - 1 for bound in (low, high))
+                verdict = _verdict(ratio - 1, low, high, allowed)
+                before, after = (median(spread["median"] for spread in side) for side in (theirs, ours))
+                yield Check(method, "", title, before, after, ratio - 1, low, high, allowed, verdict, "time")
+
+
+def _repeats(spreads: Sequence[dict[str, Any]]) -> list[list[float]]:
+    """The repeats of each cell; the median alone where a run did not keep them."""
+    return [spread["values"] or [spread["median"]] for spread in spreads]
+
+
+def _verdict(worse: float, low: float | None, high: float | None, allowed: float) -> str:
+    certain = low is not None and high is not None and (low > 0 or high < 0)
+    if worse > allowed:
+        return "regression" if certain else "worse"
+    if not certain:
+        return "same"
+    return "worse" if worse > 0 else "better"
+
+
+def _other_device(new: _Side, old: _Side, methods: Sequence[str]) -> str | None:
+    """Which devices the two runs used, if they are not one."""
+    used = [sorted({_device(c["device"]) for m in methods for c in side.of(m).values()}) for side in (new, old)]
+    if used[0] == used[1] and len(used[0]) == 1:
+        return None
+    told = [f"{side.run.folder} on {' and '.join(devices)}" for side, devices in zip((new, old), used, strict=True)]
+    return ", ".join(told)
+
+
+def _device(device: dict[str, Any] | None) -> str:
+    if not device:
+        return "an unknown device"
+    parts = [device["cpu"], f"{device['cores']} cores", f"{device['threads']} threads", *(device["gpus"] or ())]
+    return ", ".join([*parts, f"networks on {device['networks']}"] if device["networks"] else parts)
+
+
+def _remarks(new: _Side, old: _Side, methods: Sequence[str]) -> Iterator[str]:
+    for method in methods:
+        presets = [side.info(method).get("preset") for side in (new, old)]
+        if presets[0] != presets[1]:
+            yield f"{method} has another preset: {presets[0]!r}, the baseline {presets[1]!r}."
+    if more := [name for name in new.names if name not in old.names]:
+        yield f"Not in the baseline, so not compared: {', '.join(more)}."
