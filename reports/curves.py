@@ -60,10 +60,12 @@ def curve_png(title: str, trainings: Sequence[Curve]) -> bytes:
     signed = [name for name in names if any(value <= 0.0 for line in points[name] for _, value in line)]
     panels = [part for part in ([name for name in names if name not in signed], signed) if part]
     with rc_context({"font.size": 8, "font.family": "DejaVu Sans"}):
-        figure = Figure(figsize=(4.5 * len(panels), 2.5), dpi=DPI, layout="constrained")
+        wide, tall = 4.5 * len(panels), 2.5
+        figure = Figure(figsize=(wide, tall), dpi=DPI)
         FigureCanvasAgg(figure)
-        figure.suptitle(_caption(title, trainings), fontsize=8, parse_math=False)
-        for axes, part in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+        figure.suptitle(_caption(title, trainings), fontsize=8, parse_math=False, y=0.97)
+        for i, part in enumerate(panels):  # places in inches: matplotlib's own layout takes most of the time
+            axes = figure.add_axes(((4.5 * i + 0.8) / wide, 0.45 / tall, 2.1 / wide, 1.7 / tall))
             if part is not signed:
                 axes.set_yscale("log")
             for name in part:

@@ -6,32 +6,23 @@ The error map is the mean over R, G, B of the absolute difference of those displ
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from statistics import mean
-from typing import Any
 
 import numpy as np
 
-from handbench.errors import InputError
-from handbench.metrics import srgb
 from handbench.scene import Array
 
+from .frames import KINDS, Answer, View, answers
 from .run import Run
-from .truth import prediction, truth_of
+from .truth import truth_of
 
-KINDS = ("olat", "group", "full", "environment")
-KIND_TITLES = {
-    "olat": "One light at a time",
-    "group": "Group of lights",
-    "full": "Fully lit",
-    "environment": "Environment map",
-}
 SUBJECTS = 2
 ERROR_SCALE = 0.2  # the error that gets the brightest colour
-EXPOSED = 0.8  # the display-linear value that the 99th percentile of the truth is brought to
-MARGIN = 0.06  # of the hand's size, around the hand
+DETAIL = 0.28  # the side of the detail, of the shorter side of the picture
 
 
 @dataclass(frozen=True)
@@ -58,11 +49,11 @@ class Panel:
 
 def panels(run: Run) -> Iterator[Panel]:
     """A typical frame of up to two subjects for each kind of light; frames without truth are left out."""
-    truth = truth_of(run)
+    truth, given = truth_of(run), answers(run)
     for kind, query in chosen(run):
         recorded = truth(query)
         if recorded is not None:
-            yield _panel(run, kind, query, *recorded)
+            yield _panel(run, given, kind, query, *recorded)
 
 
 def chosen(run: Run) -> list[tuple[str, str]]:
@@ -77,7 +68,7 @@ def chosen(run: Run) -> list[tuple[str, str]]:
         if cell["method"]["name"] in truths:
             continue
         for score in cell["scores"]:
-            if score["metric"] == signature and score["value"] is not None:
+            if score["metric"] == signature and score["value"] is not None and math.isfinite(score["value"]):
                 scores[score["kind"], cell["subject"]][score["query"]].append(score["value"])
     found = []
     for kind in KINDS:
@@ -89,57 +80,41 @@ def chosen(run: Run) -> list[tuple[str, str]]:
     return found
 
 
-def _panel(run: Run, kind: str, query: str, image: Array, alpha: Array) -> Panel:
-    crop = _Crop.around(alpha)
-    bright = np.percentile(image[alpha > 0.5], 99) if (alpha > 0.5).any() else 1.0
-    exposure = float(EXPOSED / max(bright, 1e-6))
-    shown = srgb(crop(image) * exposure)
-    tiles = []
-    for info in run.plan["methods"]:
-        if not info["truth"]:
-            tiles.append(_tile(info["title"], run.of_method(info["name"]), run, query, crop, exposure, shown))
-    return Panel(query, kind, exposure, shown, tuple(tiles))
+def detail(panel: Panel) -> tuple[slice, slice]:
+    """Rows and columns of the square in which the typical answer is most wrong: the median of the error over methods.
+
+    The median lets no single bad method choose, and no one picks by hand. With no answer, the square is the middle.
+    """
+    side = max(2, round(DETAIL * min(panel.truth.shape[:2])))
+    errors = [tile.error for tile in panel.tiles if tile.error is not None]
+    height, width = panel.truth.shape[:2]
+    row, column = (height - side) // 2, (width - side) // 2
+    if errors:
+        sums = np.pad(np.median(errors, axis=0), ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
+        windows = sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]
+        row, column = (int(i) for i in np.unravel_index(np.argmax(windows.round(9)), windows.shape))
+    return slice(row, row + side), slice(column, column + side)
 
 
-def _tile(
-    title: str, cells: Iterable[dict[str, Any]], run: Run, query: str, crop: _Crop, exposure: float, shown: Array
-) -> Tile:
-    signature = run.plan["protocol"]["metrics"][0]["signature"]
-    for cell in cells:
-        of_query = [score for score in cell["scores"] if score["query"] == query and score["metric"] == signature]
-        if not of_query:
-            continue
-        score = of_query[0]
-        if score["value"] is None:
-            return Tile(title, None, None, None, score["reason"] or "no value")
-        try:
-            image = srgb(crop(prediction(run, cell, query)[0]) * exposure)
-        except InputError as error:
-            return Tile(title, score["value"], None, None, str(error))
-        return Tile(title, score["value"], image, np.abs(image - shown).mean(axis=-1))
-    return Tile(title, None, None, None, "not computed")
+def _panel(
+    run: Run, given: Mapping[str, Mapping[str, Answer]], kind: str, query: str, image: Array, alpha: Array
+) -> Panel:
+    view = View.of(image, alpha)
+    shown = view(image)
+    tiles = [
+        _tile(info["title"], given.get(info["name"], {}).get(query), run, query, view, shown)
+        for info in run.plan["methods"]
+        if not info["truth"]
+    ]
+    return Panel(query, kind, view.exposure, shown, tuple(tiles))
 
 
-@dataclass(frozen=True)
-class _Crop:
-    """A box around the hand in pixels, of the image's own proportions; what lies outside the image is black."""
-
-    top: int
-    left: int
-    height: int
-    width: int
-
-    @staticmethod
-    def around(alpha: Array) -> _Crop:
-        rows, columns = np.nonzero(alpha > 0.01)
-        if not len(rows):
-            return _Crop(0, 0, *alpha.shape)
-        top, bottom, left, right = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
-        share = max((bottom - top) / alpha.shape[0], (right - left) / alpha.shape[1]) * (1 + 2 * MARGIN)
-        height, width = (int(np.ceil(share * side)) for side in alpha.shape)
-        return _Crop(int(top + bottom - height) // 2, int(left + right - width) // 2, height, width)
-
-    def __call__(self, image: Array) -> Array:
-        padded = np.pad(image, ((self.height, self.height), (self.width, self.width), (0, 0)))
-        top, left = self.top + self.height, self.left + self.width
-        return padded[top : top + self.height, left : left + self.width]
+def _tile(title: str, answer: Answer | None, run: Run, query: str, view: View, truth: Array) -> Tile:
+    if answer is None:
+        return Tile(title, None, None, None, "not computed")
+    score = answer.value(run.plan["protocol"]["metrics"][0]["signature"])
+    picture, reason = answer.picture(run, query)
+    if picture is None:
+        return Tile(title, score, None, None, reason)
+    image = view(picture)
+    return Tile(title, score, image, np.abs(image - truth).mean(axis=-1))

@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import groupby
 
 from handbench.bench.laws import LINEAR
 
 from .aggregate import RESAMPLES
 from .agreement import headline, sentence
-from .figures import ERROR_SCALE, KIND_TITLES, Panel
+from .figures import ERROR_SCALE, Panel
+from .frames import KINDS
 from .model import Cell, Column, Span, Table, duration, letter, marks, number, scientific, three_digits
+from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, clock, draw, told
 from .pictures import colour_stops, error_uri, image_uri, png_uri
 from .run import Run, machine
 from .speed import speed_section
 from .stress import stress_section
 from .template import environment
+from .viewer import Viewer
 
 
-def render_page(table: Table, run: Run, panels: Iterable[Panel], losses: Iterable[tuple[str, str, bytes]] = ()) -> str:
-    """The HTML text of a run's table, panels and loss curves: (method, title, PNG). It holds no date, so the same run
-    gives the same page."""
+@dataclass(frozen=True)
+class Shown:
+    """What a page shows beside its tables. `losses` are (method, title, PNG)."""
+
+    panels: Sequence[Panel] = ()
+    losses: Sequence[tuple[str, str, bytes]] = ()
+    plots: Sequence[Plot] = ()
+    viewer: Viewer | None = None
+
+
+def render_page(table: Table, run: Run, shown: Shown) -> str:
+    """The HTML text of a run's page. It holds no date, so the same run gives the same page."""
     page = environment(
         image_uri=image_uri,
         error_uri=error_uri,
@@ -33,23 +46,44 @@ def render_page(table: Table, run: Run, panels: Iterable[Panel], losses: Iterabl
         seconds=_seconds,
     )
     page.globals.update(marks=marks, cell_text=_cell_text, interval=_interval, headline=headline, sentence=sentence)
+    page.globals.update(draw=draw, told=told, clock=clock, times=TIMES, frame=FRAME, width=WIDTH, height=HEIGHT)
+    studies = {"speed": speed_section(run.folder), "stress": stress_section(run.folder)}
+    panels = groupby(shown.panels, key=lambda panel: panel.kind)
     return page.get_template("page.html").render(
         table=table,
         plan=run.plan,
         checks=_checks(table, run),
-        figures=[
-            (KIND_TITLES[kind], tuple(of_kind)) for kind, of_kind in groupby(panels, key=lambda panel: panel.kind)
-        ],
+        contents=_contents(table, shown, studies),
+        figures=[(KINDS[kind], tuple(of_kind)) for kind, of_kind in panels],
         colour_stops=colour_stops(),
         error_scale=ERROR_SCALE,
         first_metric=table.metrics[0],
         skipped=_skipped(table, run),
-        losses=tuple(losses),
-        studies=[section for section in (speed_section(run.folder), stress_section(run.folder)) if section],
+        losses=shown.losses,
+        plots=shown.plots,
+        viewer=shown.viewer,
+        studies={name: section for name, section in studies.items() if section},
         linear_limit=LINEAR,
         resamples=RESAMPLES,
         machine=machine(run.plan["provenance"]),
     )
+
+
+def _contents(table: Table, shown: Shown, studies: Mapping[str, str | None]) -> list[tuple[str, str]]:
+    """The sections that are there: (anchor, title)."""
+    places = (
+        ("results", "Results", True),
+        ("agreement", "Order", table.agreements),
+        ("methods", "Cost", True),
+        ("pareto", "Score against time", shown.plots),
+        ("viewer", "Compare", shown.viewer),
+        ("figures", "Images", True),
+        ("losses", "Training", shown.losses),
+        *((f"{name}-study", name.capitalize(), section) for name, section in studies.items()),
+        ("signatures", "Signatures", True),
+        ("origin", "Origin", True),
+    )
+    return [(anchor, title) for anchor, title, there in places if there]
 
 
 def _checks(table: Table, run: Run) -> list[tuple[bool, str]]:

@@ -16,5 +16,6 @@ def environment(**filters: Any) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
     made.filters.update(filters)
     return made

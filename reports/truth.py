@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from handbench.data.exr import read_exr, stack
+from handbench.errors import InputError
 from handbench.scene import Array
 
 from .run import Run
@@ -21,7 +22,10 @@ def prediction(run: Run, cell: dict[str, Any], query: str) -> tuple[Array, Array
 
 
 def truth_of(run: Run) -> Truth:
-    """A function from a query's key to its true image and alpha, or to None if the run has no oracle for it."""
+    """A function from a query's key to its true image and alpha, or to None if the run has no oracle's answer to it.
+
+    An answer that is lost or damaged is none: a report is about what there is.
+    """
     truths = [info["name"] for info in run.plan["methods"] if info["truth"]]
     cells = {
         score["query"]: cell
@@ -30,4 +34,13 @@ def truth_of(run: Run) -> Truth:
         for score in cell["scores"]
         if score["value"] is not None
     }
-    return lambda query: prediction(run, cells[query], query) if query in cells else None
+
+    def truth(query: str) -> tuple[Array, Array] | None:
+        if query not in cells or cells[query]["predictions"] is None:
+            return None
+        try:
+            return prediction(run, cells[query], query)
+        except InputError:
+            return None
+
+    return truth

@@ -21,7 +21,7 @@ STAMP = ".inputs"  # digest of what the reports were made from; written last
 
 
 def write_reports(run_folder: Path) -> dict[str, Path]:
-    """Write `report/` in the run folder: index.html, table.tex, table.csv, table.md and figures/*.png.
+    """Write `report/` in the run folder: index.html, table.tex, table.csv, table.md and figures/*.png and *.pdf.
 
     A run with published orders of methods has agreement.json, with every pair of methods, as well.
 
@@ -43,15 +43,17 @@ def write_reports(run_folder: Path) -> dict[str, Path]:
 def _contents(run_folder: Path) -> dict[str, bytes]:
     from .curves import figures  # imports matplotlib, which a cached report does without
     from .figures import panels
-    from .page import render_page
-    from .pictures import grid_png
+    from .page import Shown, render_page
+    from .pareto import plots
+    from .pareto_figures import pareto_figures
+    from .pictures import grid
+    from .viewer import viewer
 
     run = read_run(run_folder)
     table = build(run)
-    shown = tuple(panels(run))
-    losses = tuple(figures(run))
+    shown = Shown(tuple(panels(run)), tuple(figures(run)), plots(table), viewer(run, table))
     texts = {
-        "index.html": render_page(table, run, shown, losses),
+        "index.html": render_page(table, run, shown),
         "table.tex": render_latex(table),
         "table.csv": render_csv(table),
         "table.md": render_markdown(table),
@@ -59,9 +61,11 @@ def _contents(run_folder: Path) -> dict[str, bytes]:
     if table.agreements:
         texts["agreement.json"] = json.dumps([as_json(each) for each in table.agreements], indent=1) + "\n"
     contents = {name: text.encode() for name, text in texts.items()}
-    contents |= {f"figures/losses-{name}.png": picture for name, _, picture in losses}
-    for kind, of_kind in groupby(shown, key=lambda panel: panel.kind):
-        contents[f"figures/{kind}.png"] = grid_png(tuple(of_kind), table.metrics[0])
+    contents |= {f"figures/losses-{name}.png": picture for name, _, picture in shown.losses}
+    by_kind = groupby(shown.panels, key=lambda panel: panel.kind)
+    drawn = [(kind, grid(tuple(of_kind), table.metrics[0])) for kind, of_kind in by_kind]
+    for name, files in (*drawn, *pareto_figures(shown.plots)):
+        contents |= {f"figures/{name}.{kind}": content for kind, content in files.items()}
     return contents
 
 
@@ -92,7 +96,8 @@ def _write(folder: Path, contents: dict[str, bytes], digest: str) -> None:
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
         _replace(folder / name, content)
-    for stale in set((folder / "figures").glob("*.png")) - {folder / name for name in contents}:
+    figures = {path for path in (folder / "figures").iterdir() if path.suffix in (".png", ".pdf")}
+    for stale in figures - {folder / name for name in contents}:
         stale.unlink()
     _replace(folder / STAMP, "\n".join([digest, *sorted(contents)]).encode())
 

@@ -12,6 +12,12 @@ import numpy as np
 import pytest
 
 from handbench.data.exr import rgb, write_exr
+from handbench.reports import table
+from handbench.reports.figures import panels
+from handbench.reports.page import Shown, render_page
+from handbench.reports.pareto import plots
+from handbench.reports.run import read_run
+from handbench.reports.viewer import viewer
 
 SIZE = 72
 COLUMNS = (
@@ -223,3 +229,14 @@ def set_scores() -> Callable[..., None]:
                 path.write_text(json.dumps(cell))
 
     return set_scores
+
+
+@pytest.fixture(scope="session")
+def page_of() -> Callable[[Path], str]:
+    """A function that gives the page of a run as text, without writing it or making the figures beside it."""
+
+    def page_of(run_folder: Path) -> str:
+        run, rows = read_run(run_folder), table(run_folder)
+        return render_page(rows, run, Shown(tuple(panels(run)), (), plots(rows), viewer(run, rows)))
+
+    return page_of

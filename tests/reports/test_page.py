@@ -19,8 +19,9 @@ import pytest
 from PIL import Image
 
 from handbench.errors import StorageError
-from handbench.reports import write_reports
-from handbench.reports.figures import chosen, panels
+from handbench.reports import table, write_reports
+from handbench.reports.figures import Panel, Tile, chosen, detail, panels
+from handbench.reports.pictures import grid
 from handbench.reports.run import read_run
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
@@ -59,11 +60,15 @@ def page(report: dict[str, Path]) -> str:
 
 
 def test_all_files_are_there(report: dict[str, Path]) -> None:
-    figures = [f"figures/{kind}.png" for kind in ("environment", "group", "olat")]
-    assert sorted(report) == [*figures, "index.html", "table.csv", "table.md", "table.tex"]
-    for name in figures:
-        width, height = Image.open(report[name]).size
+    kinds = ("environment", "group", "olat")
+    plots = [f"pareto-psnr-{time}" for time in ("known", "new", "training")]
+    figures = [f"figures/{name}.{kind}" for name in (*kinds, *plots) for kind in ("png", "pdf")]
+    assert sorted(report) == sorted([*figures, "index.html", "table.csv", "table.md", "table.tex"])
+    for kind in kinds:
+        width, height = Image.open(report[f"figures/{kind}.png"]).size
         assert width > 800 and height > 800
+    for name in figures:
+        assert report[name].read_bytes().startswith(b"%PDF" if name.endswith("pdf") else b"\x89PNG")
 
 
 def test_the_page_is_well_formed_and_needs_nothing_else(page: str) -> None:
@@ -101,12 +106,12 @@ def test_the_page_says_what_a_reader_must_know(page: str) -> None:
         assert text in page, text
 
 
-def test_titles_cannot_break_out_of_the_page(small_run: Path) -> None:
+def test_titles_cannot_break_out_of_the_page(small_run: Path, page_of: Callable[[Path], str]) -> None:
     path = small_run / "run.json"
     plan = json.loads(path.read_text())
     plan["methods"][1]["title"] = "<script>alert(1)</script>"
     path.write_text(json.dumps(plan))
-    assert "<script>alert" not in write_reports(small_run)["index.html"].read_text()
+    assert "<script>alert" not in page_of(small_run)
 
 
 def test_images_are_the_frames_of_median_score(whole_run: Path) -> None:
@@ -122,6 +127,30 @@ def test_images_are_the_frames_of_median_score(whole_run: Path) -> None:
                     scores.setdefault(score["query"], []).append(score["value"])
     means = {query: np.mean(values) for query, values in scores.items()}
     assert found[3][1] == sorted(means, key=lambda query: means[query])[len(means) // 2]
+
+
+def test_the_detail_is_where_the_typical_answer_is_most_wrong() -> None:
+    truth = np.full((60, 45, 3), 0.5)
+    here, there = np.zeros((60, 45)), np.zeros((60, 45))
+    here[40:46, 10:16], there[:12, 30:42] = 0.1, 0.9
+    tiles = [Tile("", 1.0, truth, error) for error in (here, here, here + there)]
+    rows, columns = detail(Panel("q", "olat", 1.0, truth, tuple(tiles)))
+    assert rows.stop - rows.start == columns.stop - columns.start == round(0.28 * 45)
+    assert rows.start <= 40 and rows.stop >= 46 and columns.start <= 10 and columns.stop >= 16, (
+        "one outlier has no vote"
+    )
+    rows, columns = detail(Panel("q", "olat", 1.0, truth, (Tile("a", None, None, None, "failed"),)))
+    assert rows.start + rows.stop == pytest.approx(60, abs=1) and columns.start + columns.stop == pytest.approx(
+        45, abs=1
+    )
+
+
+def test_grids_have_the_same_bytes_every_time_and_text_that_can_be_searched(whole_run: Path) -> None:
+    run = read_run(whole_run)
+    shown = [panel for panel in panels(run) if panel.kind == "group"]
+    once, again = (grid(shown, table(whole_run).metrics[0]) for _ in range(2))
+    assert once == again and b"CreationDate" not in once["pdf"]
+    assert b"/FontFile2" in once["pdf"], "TrueType, so that a publisher accepts it"
 
 
 def test_errors_are_zero_for_the_truth_and_grow_with_bad_methods(whole_run: Path) -> None:
@@ -168,14 +197,14 @@ def test_without_an_oracle_the_page_says_why_it_has_no_images(small_run: Path) -
     plan["methods"] = plan["methods"][1:]
     path.write_text(json.dumps(plan))
     files = write_reports(small_run)
-    assert not any(name.startswith("figures") for name in files)
+    assert {name.partition("-")[0] for name in files if name.startswith("figures")} == {"figures/pareto"}
     assert "No images: the truth is read from the oracle" in files["index.html"].read_text()
 
 
-def test_a_lost_picture_is_told_in_its_place(small_run: Path) -> None:
+def test_a_lost_picture_is_told_in_its_place(small_run: Path, page_of: Callable[[Path], str]) -> None:
     lost = next(cell for cell in read_run(small_run).cells if cell["method"]["name"] == "urhand")
     shutil.rmtree(small_run / lost["predictions"])
-    assert "does not exist" in write_reports(small_run)["index.html"].read_text()
+    assert "does not exist" in page_of(small_run)
 
 
 def test_a_full_disk_leaves_the_earlier_report_intact(
@@ -203,7 +232,7 @@ def test_a_run_folder_that_cannot_be_written_gets_a_remedy_that_exists(small_run
     assert "--out" not in str(caught.value)
 
 
-def test_laws_are_shown_and_a_broken_promise_is_a_warning(small_run: Path) -> None:
+def test_laws_are_shown_and_a_broken_promise_is_a_warning(small_run: Path, page_of: Callable[[Path], str]) -> None:
     path = small_run / "run.json"
     plan = json.loads(path.read_text())
     plan["methods"][1]["linear"] = True
@@ -212,10 +241,10 @@ def test_laws_are_shown_and_a_broken_promise_is_a_warning(small_run: Path) -> No
     for file, value in zip(cells, (3e-7, None, 2e-8), strict=True):
         laws = {"additivity": value, "homogeneity": value, "linearity": value, "pairs": 3, "reason": None}
         file.write_text(json.dumps({**json.loads(file.read_text()), "laws": laws}))
-    page = write_reports(small_run)["index.html"].read_text()
+    page = page_of(small_run)
     assert ">3.0e-07<" in page and "declared linear in light, but not" not in page
     cells[0].write_text(cells[0].read_text().replace("3e-07", "0.002"))
-    page = write_reports(small_run)["index.html"].read_text()
+    page = page_of(small_run)
     assert ">2.0e-03<" in page and "declared linear in light, but not: URHand" in page
 
 

@@ -1,0 +1,101 @@
+"""What a run answered to each frame, and how a frame is shown: cut to the hand, with one exposure for all pictures."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from handbench.errors import InputError
+from handbench.metrics import srgb
+from handbench.scene import Array
+
+from .run import Run
+from .truth import prediction
+
+EXPOSED = 0.8  # the display-linear value that the 99th percentile of the truth is brought to
+MARGIN = 0.06  # of the hand's size, around the hand
+KINDS = {
+    "olat": "One light at a time",
+    "group": "Group of lights",
+    "full": "Fully lit",
+    "environment": "Environment map",
+}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a method's cell says of one query: its scores by the signature of the metric."""
+
+    cell: Mapping[str, Any]
+    scores: dict[str, dict[str, Any]]
+
+    @property
+    def kind(self) -> str:
+        return str(next(iter(self.scores.values()))["kind"])
+
+    def value(self, signature: str) -> float | None:
+        """A finite score, or None."""
+        value = self.scores.get(signature, {}).get("value")
+        return value if value is not None and math.isfinite(value) else None
+
+    def picture(self, run: Run, query: str) -> tuple[Array | None, str]:
+        """The linear picture (H, W, 3), or None and why there is none."""
+        reason = next((score["reason"] for score in self.scores.values() if score["reason"]), "")
+        if self.cell["predictions"] is None:
+            return None, reason or "no picture was kept"
+        try:
+            return prediction(run, dict(self.cell), query)[0], ""
+        except InputError as error:
+            return None, reason or str(error)
+
+
+def answers(run: Run) -> dict[str, dict[str, Answer]]:
+    """By method and query; of several seeds the first in the plan that has the query."""
+    found: dict[str, dict[str, Answer]] = defaultdict(dict)
+    for cell in run.cells:
+        of_method = found[cell["method"]["name"]]
+        for score in cell["scores"]:
+            answer = of_method.setdefault(score["query"], Answer(cell, {}))
+            if answer.cell is cell:
+                answer.scores[score["metric"]] = score
+    return found
+
+
+@dataclass(frozen=True)
+class View:
+    """Where to look in a frame, and how brightly: a box in pixels of the image's own proportions, and a factor.
+
+    What lies outside the image is black.
+    """
+
+    top: int
+    left: int
+    height: int
+    width: int
+    exposure: float
+
+    @staticmethod
+    def of(image: Array, alpha: Array) -> View:
+        """The view that suits a linear picture (H, W, 3) with alpha (H, W): the truth's serves all methods."""
+        bright = np.percentile(image[alpha > 0.5], 99) if (alpha > 0.5).any() else 1.0
+        exposure = float(EXPOSED / max(bright, 1e-6))
+        rows, columns = np.nonzero(alpha > 0.01)
+        if not len(rows):
+            return View(0, 0, alpha.shape[0], alpha.shape[1], exposure)
+        top, bottom, left, right = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
+        share = max((bottom - top) / alpha.shape[0], (right - left) / alpha.shape[1]) * (1 + 2 * MARGIN)
+        height, width = (int(np.ceil(share * side)) for side in alpha.shape)
+        return View(int(top + bottom - height) // 2, int(left + right - width) // 2, height, width, exposure)
+
+    def __call__(self, image: Array) -> Array:
+        """What is shown of a linear picture: (height, width, 3) in sRGB, in [0, 1]."""
+        shown = np.zeros((self.height, self.width, 3), image.dtype)
+        top, left = max(self.top, 0), max(self.left, 0)
+        inside = image[top : self.top + self.height, left : self.left + self.width]
+        shown[top - self.top :, left - self.left :][: inside.shape[0], : inside.shape[1]] = inside
+        return srgb(shown * self.exposure)

@@ -1,0 +1,220 @@
+"""Time against score: which methods are worth their time, for each column, metric and kind of time.
+
+A plot is laid out once, in units of its own box with y downwards, and drawn twice: as SVG in the page
+(`templates/pareto.html`) and as PNG and PDF (`pareto_figures`). Better is always up and faster always left. The front
+is made of the measured methods with complete coverage that no other one beats in both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+from .model import Group, Metric, Row, Table, number
+from .places import Box, Label, placed
+
+METRICS = 3  # the first of a protocol's metrics are drawn
+TIMES = {
+    "known": "Known pose, a frame",
+    "new": "New pose, a frame",
+    "training": "Training and one personalisation",
+}
+WIDTH, HEIGHT = 360, 240  # of a drawing
+FRAME = Box(46, 18, 348, 202)  # the plot in it
+_ROOM = 1.35  # how far the time axis goes beyond the points, as a factor
+_TICK = 44  # the room that the text of a time needs
+_STEPS = ((1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8), (1, 1.5, 2, 3, 5, 7), (1, 2, 5), (1, 3), (1,))
+Kind = Literal["front", "beaten", "gap", "calibration"]
+
+
+@dataclass(frozen=True)
+class Point:
+    """A row of the table with a time. kind "gap": its score misses frames, so it cannot be on the front."""
+
+    title: str
+    seconds: float
+    score: float
+    kind: Kind
+
+
+@dataclass(frozen=True)
+class Plot:
+    """`points` from fast to slow, `left_out`: what has no place in the plot, and why."""
+
+    group: Group
+    metric: Metric
+    time: str
+    points: tuple[Point, ...]
+    left_out: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.metric.name}-{self.time}-{self.group.name}"
+
+    @property
+    def upwards(self) -> str:
+        """What the upright axis says."""
+        unit = f" in {self.metric.unit}" if self.metric.unit else ""
+        return f"{self.metric.title}{unit}, better is up"
+
+    @property
+    def front(self) -> tuple[Point, ...]:
+        return tuple(point for point in self.points if point.kind == "front")
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A plot in its box: ticks with their texts, points with their labels, and the corners of the front."""
+
+    x_ticks: tuple[tuple[float, str], ...]
+    y_ticks: tuple[tuple[float, str], ...]
+    marks: tuple[tuple[Point, float, float, Label], ...]
+    front: tuple[tuple[float, float], ...]
+
+
+def plots(table: Table) -> tuple[Plot, ...]:
+    """Metric by metric, time by time, column by column; without those in which no measured method has a time."""
+    made = (
+        _plot(table, metric, time, group)
+        for metric in table.metrics[:METRICS]
+        for time in TIMES
+        for group in table.groups
+    )
+    return tuple(plot for plot in made if any(point.kind != "calibration" for point in plot.points))
+
+
+def seconds(row: Row, time: str) -> float | None:
+    """A row's time of the given kind; None if it was not measured or is too short for a clock."""
+    times = row.times
+    if time == "training":
+        parts = [span.median for span in (times.train_s, times.personalise_s) if span is not None]
+        found = sum(parts) if parts else None
+    else:
+        span = times.relight_ms if time == "known" else times.first_ms
+        found = None if span is None else span.median / 1e3
+    return found or None
+
+
+def draw(plot: Plot) -> Drawing:
+    """The plot laid out in a box of `WIDTH` by `HEIGHT`, its frame at `FRAME`."""
+    low, high = _span(plot)
+    first, last = (math.log10(f(p.seconds for p in plot.points)) for f in (min, max))
+    first, last = first - math.log10(_ROOM), last + math.log10(_ROOM)
+
+    def x(value: float) -> float:
+        return FRAME.left + (math.log10(value) - first) / (last - first) * (FRAME.right - FRAME.left)
+
+    def y(value: float) -> float:
+        share = (value - low) / (high - low)
+        up = share if plot.metric.higher_is_better else 1 - share
+        return FRAME.bottom - up * (FRAME.bottom - FRAME.top)
+
+    spots = [(x(point.seconds), y(point.score)) for point in plot.points]
+    corners = tuple(_corners([(x(point.seconds), y(point.score)) for point in plot.front]))
+    labels = placed([point.title for point in plot.points], spots, corners, FRAME)
+    marks = tuple((point, *spot, label) for point, spot, label in zip(plot.points, spots, labels, strict=True))
+    x_ticks = tuple((x(value), clock(value)) for value in _times(10**first, 10**last))
+    y_ticks = tuple((y(value), text) for value, text in _ticks(low, high))
+    return Drawing(x_ticks, y_ticks, marks, corners)
+
+
+def told(plot: Plot) -> str:
+    """The plot in words, from fast to slow: for those who do not see it."""
+    parts = []
+    for point in plot.points:
+        score = f"{number(point.score, plot.metric.decimals)} {plot.metric.unit}".strip()
+        parts.append(f"{point.title}: {clock(point.seconds)}, {score}{_WORDS[point.kind]}")
+    return "; ".join(parts) + "."
+
+
+def clock(value: float) -> str:
+    """A time with its unit: "0.5 ms", "20 ms", "1.5 s", "1234 s"."""
+    number_of, unit = (value, "s") if value >= 0.9995 else (value * 1e3, "ms")
+    return f"{number_of:.{3 if number_of < 1000 else 6}g} {unit}"
+
+
+_WORDS = {"front": ", on the front", "beaten": "", "gap": ", frames missing", "calibration": ", calibration"}
+
+
+def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
+    index = next(i for i in table.of_group(group) if table.columns[i].metric == metric)
+    better = 1.0 if metric.higher_is_better else -1.0
+    points: list[Point] = []
+    left_out: list[str] = []
+    for row in table.computed:
+        cell, cost = row.cells[index], seconds(row, time)
+        if cell.value is None or not math.isfinite(cell.value):
+            left_out.append(f"{row.title}: no value")
+        elif cost is None:
+            left_out.append(f"{row.title}: no time")
+        else:
+            kind: Kind = "calibration" if row.kind == "calibration" else "beaten" if cell.complete else "gap"
+            points.append(Point(row.title, cost, cell.value, kind))
+    points, far = _in_sight(points)
+    for point in far:
+        place = f"{number(point.score, metric.decimals)} {metric.unit}".strip()
+        left_out.append(f"{point.title}: off the scale at {clock(point.seconds)}, {place}")
+    ordered: list[Point] = []
+    best = -math.inf
+    for point in sorted(points, key=lambda p: (p.seconds, -better * p.score, p.title)):
+        if point.kind == "beaten" and better * point.score > best:
+            best = better * point.score
+            point = Point(point.title, point.seconds, point.score, "front")
+        ordered.append(point)
+    return Plot(group, metric, time, tuple(ordered), tuple(left_out))
+
+
+def _in_sight(points: Sequence[Point]) -> tuple[list[Point], list[Point]]:
+    """Calibration rows may double the span of the methods either way; those further away would squeeze the methods."""
+    methods = [point for point in points if point.kind != "calibration"]
+    if not methods:
+        return list(points), []
+    scores, times = [p.score for p in methods], [math.log10(p.seconds) for p in methods]
+
+    def near(value: float, of_methods: Sequence[float], least: float = 0.0) -> bool:
+        reach = max(max(of_methods) - min(of_methods), least)
+        return min(of_methods) - reach <= value <= max(of_methods) + reach
+
+    found = [p for p in points if near(p.score, scores) and near(math.log10(p.seconds), times, least=0.5)]
+    return found, [point for point in points if point not in found]
+
+
+def _span(plot: Plot) -> tuple[float, float]:
+    """The scores at the two ends of the axis."""
+    scores = [point.score for point in plot.points]
+    margin = 0.1 * (max(scores) - min(scores)) or 2 * 10.0**-plot.metric.decimals
+    return min(scores) - margin, max(scores) + margin
+
+
+def _corners(front: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float]]:
+    """A stair: the best score that can be had within a time, up to the right edge."""
+    for i, (x, y) in enumerate(front):
+        if i:
+            yield x, front[i - 1][1]
+        yield x, y
+    if front:
+        yield FRAME.right, front[-1][1]
+
+
+def _ticks(low: float, high: float) -> Iterator[tuple[float, str]]:
+    """Three to seven round scores between two, with the decimals they need."""
+    rough = (high - low) / 7
+    decade = 10.0 ** math.floor(math.log10(rough))
+    step = next(decade * factor for factor in (1, 2, 5, 10) if decade * factor >= rough * (1 - 1e-9))
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+    for i in range(math.ceil(low / step), math.floor(high / step) + 1):
+        yield i * step, number(i * step, decimals)
+
+
+def _times(low: float, high: float) -> tuple[float, ...]:
+    """Round times between two: as many as have room beside each other."""
+    room = _TICK / (FRAME.right - FRAME.left) * math.log10(high / low)
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for steps in _STEPS:
+        found = tuple(step * 10.0**power for power in powers for step in steps if low <= step * 10.0**power <= high)
+        if all(math.log10(later / earlier) >= room for earlier, later in pairwise(found)):
+            return found
+    return found

@@ -1,0 +1,72 @@
+"""The Pareto plots of the first metric as figures for papers: one a kind of time, a panel for each column."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw
+from .pictures import STYLE, saved
+
+_SCALE = 105.0  # units of a drawing in an inch
+_COLUMNS = 4
+_INK, _SOFT, _LINE, _FRONT = "#1d1c1a", "#6a665f", "#dcd7cf", "#9a4a22"
+_TITLE, _HEAD = 22, -11  # the space above a drawing, and the middle of the line in it
+_MARKS: dict[str, Any] = {
+    "front": {"marker": "o", "mfc": _FRONT, "mec": _FRONT},
+    "beaten": {"marker": "o", "mfc": "white", "mec": _INK},
+    "gap": {"marker": "X", "mfc": "white", "mec": _INK},
+    "calibration": {"marker": "D", "mfc": _SOFT, "mec": _SOFT, "ms": 4.2},
+}
+
+
+def pareto_figures(found: Sequence[Plot]) -> Iterator[tuple[str, dict[str, bytes]]]:
+    """(name, {"png": …, "pdf": …}), e.g. "pareto-psnr-known"."""
+    of_metric = [plot for plot in found if plot.metric == found[0].metric]
+    for time, group in groupby(of_metric, key=lambda plot: plot.time):
+        yield f"pareto-{found[0].metric.name}-{time}", _figure(tuple(group))
+
+
+def _figure(found: Sequence[Plot]) -> dict[str, bytes]:
+    columns = min(_COLUMNS, len(found))
+    rows = -(-len(found) // columns)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(columns * WIDTH / _SCALE, rows * (HEIGHT + _TITLE) / _SCALE))
+        for index, plot in enumerate(found):
+            row, column = divmod(index, columns)
+            place = (column / columns, 1 - (row + 1) / rows, 1 / columns, 1 / rows)
+            _panel(figure.add_axes(place), plot)
+        return saved(figure)
+
+
+def _panel(axes: Axes, plot: Plot) -> None:
+    axes.set_axis_off()
+    axes.set(xlim=(0, WIDTH), ylim=(HEIGHT, -_TITLE))
+    drawing = draw(plot)
+    rules = [((x, x), (FRAME.top, FRAME.bottom)) for x, _ in drawing.x_ticks]
+    rules += [((FRAME.left, FRAME.right), (y, y)) for y, _ in drawing.y_ticks]
+    axes.add_collection(
+        LineCollection([list(zip(*rule, strict=True)) for rule in rules], colors=_LINE, lw=0.6, zorder=1)
+    )
+    for x, text in drawing.x_ticks:
+        axes.text(x, FRAME.bottom + 13, text, ha="center", color=_SOFT)
+    for y, text in drawing.y_ticks:
+        axes.text(FRAME.left - 5, y + 3, text, ha="right", color=_SOFT)
+    if drawing.front:
+        axes.plot(*zip(*drawing.front, strict=True), color=_FRONT, lw=1.3, zorder=2)
+    for point, x, y, label in drawing.marks:
+        if label.leader:
+            axes.plot([x, label.leader[0]], [y, label.leader[1]], color=_SOFT, lw=0.5, zorder=2)
+        axes.plot([x], [y], ls="", **{"ms": 5.0, "mew": 0.9, "zorder": 3, **_MARKS[point.kind]})
+        align = {"start": "left", "middle": "center", "end": "right"}[label.anchor]
+        colour = _SOFT if point.kind == "calibration" else _INK
+        axes.text(label.x, label.y, label.text, ha=align, color=colour, zorder=4, parse_math=False)
+    axes.text(FRAME.left, _HEAD, plot.group.title, size=9, va="center", parse_math=False)
+    axes.text(FRAME.left, 9, plot.upwards, color=_SOFT, parse_math=False)
+    axes.text((FRAME.left + FRAME.right) / 2, FRAME.bottom + 30, TIMES[plot.time], ha="center")

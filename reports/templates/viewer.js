@@ -1,0 +1,139 @@
+// Choose a frame and two methods; draw both, their scores and, if wanted, where they are wrong.
+const root = document.querySelector(".viewer");
+if (root) {
+  const data = JSON.parse(document.getElementById("viewer-data").textContent);
+  const get = (selector) => root.querySelector(selector);
+  const form = get("form").elements;
+  const KEYS = ["subject", "pose", "camera", "light"];
+  const colours = new Uint8Array(data.colours.match(/../g).map((byte) => parseInt(byte, 16)));
+  const stage = makeStage(get(".stage"), get(".split"), ({ split, zoom }) => {
+    const share = Math.round(split);
+    get(".split").setAttribute("aria-valuetext", `${share} % ${title("left")}, ${100 - share} % ${title("right")}`);
+    get(".zoom").value = `${Number(zoom.toFixed(1))}×`;
+  });
+  let frame = data.frames[0];
+  let latest = 0;
+
+  function title(side) {
+    return data.titles[form[side].value];
+  }
+  function option(value, text) {
+    return new Option(text, value);
+  }
+  // The options of the four choices: each leaves those that go with the choices before it.
+  function fill() {
+    let left = pool();
+    for (const key of KEYS) {
+      const values = new Map(left.map((each) => [each[key], each.kind]));
+      const sorted = [...values.keys()].sort((a, b) => a.localeCompare(b, "en", { numeric: true }));
+      if (key !== "light") form[key].replaceChildren(...sorted.map((value) => option(value, value)));
+      else form[key].replaceChildren(...Object.entries(data.kinds).flatMap(([kind, title]) => {
+        const group = document.createElement("optgroup");
+        group.label = title;
+        group.append(...sorted.filter((value) => values.get(value) === kind).map((value) => option(value, value)));
+        return group.childElementCount ? [group] : [];
+      }));
+      form[key].value = frame[key];
+      left = left.filter((each) => each[key] === frame[key]);
+    }
+    get(".place").value = `${pool().indexOf(frame) + 1} of ${pool().length}`;
+  }
+  function pool() {
+    return data.frames.filter((each) => !form.column.value || each.columns.includes(form.column.value));
+  }
+  // The frame that agrees with a choice and the ones before it, and in as many of the others as can be.
+  function choose(key, value) {
+    const wanted = { ...frame, [key]: value };
+    const before = KEYS.slice(0, KEYS.indexOf(key) + 1);
+    const agreeing = pool().filter((each) => before.every((name) => each[name] === wanted[name]));
+    const agreement = (each) => KEYS.filter((name) => each[name] === wanted[name]).length;
+    go(agreeing.reduce((best, each) => (agreement(each) > agreement(best) ? each : best)));
+  }
+  function go(to) {
+    frame = to;
+    fill();
+    draw();
+  }
+  function step(by) {
+    const frames = pool();
+    go(frames[(frames.indexOf(frame) + by + frames.length) % frames.length]);
+  }
+
+  async function pixels(index) {
+    if (!frame.pictures[index]) return null;
+    const image = new Image();
+    image.src = `data:image/webp;base64,${frame.pictures[index]}`;
+    await image.decode();
+    const canvas = Object.assign(document.createElement("canvas"), { width: image.naturalWidth, height: image.naturalHeight });
+    const context = canvas.getContext("2d", { willReadFrequently: true });
+    context.drawImage(image, 0, 0);
+    return context.getImageData(0, 0, canvas.width, canvas.height);
+  }
+  function error(picture, truth) {
+    const found = new ImageData(picture.width, picture.height);
+    for (let i = 0; i < found.data.length; i += 4) {
+      let sum = 0;
+      for (let c = 0; c < 3; c++) sum += Math.abs(picture.data[i + c] - truth.data[i + c]);
+      const level = Math.min(255, Math.round(sum / 3 / data.scale));
+      found.data.set([colours[3 * level], colours[3 * level + 1], colours[3 * level + 2], 255], i);
+    }
+    return found;
+  }
+  function words(index) {
+    const scores = frame.scores[index];
+    const first = scores ? `, ${data.metrics[0].title} ${scores[0]} ${data.metrics[0].unit}`.trimEnd() : "";
+    const map = get(".error").checked && index ? ", error map" : "";
+    return `${data.titles[index]}${map}${first}`;
+  }
+  async function draw() {
+    const turn = ++latest;
+    get(".stage").setAttribute("aria-busy", "true");
+    const chosen = { left: Number(form.left.value), right: Number(form.right.value) };
+    const [truth, left, right] = await Promise.all([pixels(0), pixels(chosen.left), pixels(chosen.right)]);
+    if (turn !== latest) return;
+    root.style.setProperty("--ratio", truth.width / truth.height);
+    for (const [side, picture] of Object.entries({ left, right })) {
+      const index = chosen[side];
+      const wrong = get(".error").checked && index > 0;
+      const canvas = get(`.side.${side} canvas`);
+      canvas.width = truth.width;
+      canvas.height = truth.height;
+      if (picture) canvas.getContext("2d").putImageData(wrong ? error(picture, truth) : picture, 0, 0);
+      canvas.setAttribute("aria-label", words(index));
+      get(`.side.${side} .missing`).textContent = picture ? "" : `No picture: ${frame.reasons[index]}`;
+      get(`.tag.${side}`).textContent = data.titles[index] + (wrong ? ", error" : "");
+      get(`.scores th.${side}`).textContent = data.titles[index];
+      root.querySelectorAll(`.scores td.${side}`).forEach((cell, i) => {
+        cell.textContent = frame.scores[index] ? `${frame.scores[index][i]} ${data.metrics[i].unit}`.trimEnd() : "–";
+      });
+    }
+    stage.show();
+    get(".exposure").textContent = `${frame.columns.map((name) => data.columns[name]).join(", ")}. Exposure ×${frame.exposure}.`;
+    get(".legend").hidden = !get(".error").checked;
+    get(".said").textContent = `Left: ${words(chosen.left)}; right: ${words(chosen.right)}.`;
+    get(".stage").setAttribute("aria-busy", "false");
+  }
+
+  form.column.append(option("", "All"), ...Object.entries(data.columns).map(([name, title]) => option(name, title)));
+  for (const side of ["left", "right"]) form[side].append(...data.titles.map((title, index) => option(index, title)));
+  form.left.value = 0;
+  form.right.value = data.best;
+  for (const key of KEYS) form[key].addEventListener("change", () => choose(key, form[key].value));
+  form.column.addEventListener("change", () => go(pool().includes(frame) ? frame : pool()[0]));
+  for (const choice of [form.left, form.right, get(".error")]) choice.addEventListener("change", draw);
+  get(".before").addEventListener("click", () => step(-1));
+  get(".after").addEventListener("click", () => step(1));
+  get(".in").addEventListener("click", () => stage.zoom(1.5));
+  get(".out").addEventListener("click", () => stage.zoom(1 / 1.5));
+  get(".fit").addEventListener("click", () => stage.zoom(0));
+  get(".swap").addEventListener("click", () => {
+    [form.left.value, form.right.value] = [form.right.value, form.left.value];
+    draw();
+  });
+  get(".stage").addEventListener("keydown", (event) => {
+    if (event.key === "e" && !event.ctrlKey && !event.metaKey && !event.altKey) get(".error").click();
+  });
+  root.hidden = false;
+  fill();
+  draw();
+}

@@ -1,0 +1,125 @@
+"""The data of the page's viewer: every scored frame, as the truth and as each method drew it, with the scores.
+
+All pictures of a frame are cut and exposed alike (`frames.View`), as WebP. A page stays small: with many pixels to
+show, each column gives the same number of frames, spread evenly over its own order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from handbench.scene import Array
+
+from .figures import ERROR_SCALE
+from .frames import KINDS, Answer, View, answers
+from .model import Table, number
+from .pictures import palette, webp
+from .run import Run
+from .truth import truth_of
+
+PIXELS = 60e6  # in all pictures of a page together: about 10 MB
+SIDE = 512  # pixels, the greatest side of a picture
+
+
+@dataclass(frozen=True)
+class Viewer:
+    """`data` as the page's script reads it; `seed` is that of the pictures where there are several.
+
+    Of the `scored` frames some were `chosen`, all or an even share, and of those some are `shown`: the truth of the
+    others is lost.
+    """
+
+    data: dict[str, Any]
+    shown: int
+    chosen: int
+    scored: int
+    seed: int | None
+
+
+def viewer(run: Run, table: Table) -> Viewer | None:
+    """The viewer opens with the truth beside the method that is best in the table's first column.
+
+    None for a run whose truth is not known: there is nothing to hold a method against.
+    """
+    given, truth = answers(run), truth_of(run)
+    methods = [info for info in run.plan["methods"] if not info["truth"] and info["name"] in given]
+    columns = {column["name"]: dict.fromkeys(column["queries"]) for column in run.plan["protocol"]["columns"]}
+    scored = list(dict.fromkeys(query for queries in columns.values() for query in queries))
+    first = next((pair for query in scored if (pair := truth(query)) is not None), None)
+    if first is None or not methods:
+        return None
+    chosen = _spread(columns, per_column(first[0].shape[:2], 1 + len(methods), len(columns)))
+    frames = []
+    for query in (query for query in scored if query in chosen):
+        pair = truth(query)
+        if pair is not None:
+            of_query = [given[info["name"]].get(query) for info in methods]
+            asking = [name for name, queries in columns.items() if query in queries]
+            frames.append(_frame(run, query, *pair, of_query, asking))
+    better = 1.0 if table.columns[0].metric.higher_is_better else -1.0
+    leading = {row.name: better * (row.cells[0].value or 0.0) for row in table.rows if row.cells[0].rank == 1}
+    best = max(leading, key=lambda name: leading[name], default=methods[-1]["name"])
+    data = {
+        "best": 1 + [info["name"] for info in methods].index(best),
+        "titles": ["Truth", *(info["title"] for info in methods)],
+        "metrics": [{key: metric[key] for key in ("title", "unit")} for metric in run.plan["protocol"]["metrics"]],
+        "columns": {column["name"]: column["title"] for column in run.plan["protocol"]["columns"]},
+        "kinds": KINDS,
+        "scale": ERROR_SCALE,
+        "colours": palette().tobytes().hex(),
+        "frames": frames,
+    }
+    return Viewer(
+        data, len(frames), len(chosen), len(scored), run.plan["seeds"][0] if len(run.plan["seeds"]) > 1 else None
+    )
+
+
+def per_column(size: tuple[int, int], pictures: int, columns: int) -> int:
+    """How many frames a column shows, given the size of a picture, (H, W), and the pictures of a frame."""
+    shrunk = min(1.0, SIDE / max(size))
+    return max(1, int(PIXELS / (size[0] * size[1] * shrunk**2 * pictures * columns)))
+
+
+def _spread(columns: Mapping[str, Mapping[str, None]], limit: int) -> set[str]:
+    """Up to `limit` queries of each column, evenly spread; those of several columns count in each."""
+    return {
+        queries[i]
+        for queries in map(list, columns.values())
+        if queries
+        for i in np.linspace(0, len(queries) - 1, min(limit, len(queries))).round().astype(int)
+    }
+
+
+def _frame(
+    run: Run, query: str, image: Array, alpha: Array, given: Sequence[Answer | None], columns: list[str]
+) -> dict[str, Any]:
+    view = View.of(image, alpha)
+    subject, pose, camera, light = query.split("/", 3)
+    drawn = [answer.picture(run, query) if answer else (None, "not computed") for answer in given]
+    return {
+        "subject": subject,
+        "pose": pose,
+        "camera": camera,
+        "light": light,
+        "kind": next((answer.kind for answer in given if answer), ""),
+        "columns": columns,
+        "exposure": f"{view.exposure:.2g}",
+        "pictures": [webp(view(image), SIDE), *_pictures(view, drawn)],
+        "reasons": ["", *(reason for _, reason in drawn)],
+        "scores": [None, *(_scores(run, answer) for answer in given)],
+    }
+
+
+def _pictures(view: View, drawn: Sequence[tuple[Array | None, str]]) -> Iterator[str | None]:
+    for picture, _ in drawn:
+        yield None if picture is None else webp(view(picture), SIDE)
+
+
+def _scores(run: Run, answer: Answer | None) -> list[str]:
+    """As text, in the order of the protocol's metrics."""
+    metrics = run.plan["protocol"]["metrics"]
+    return [number(answer.value(m["signature"]) if answer else None, m["decimals"]) for m in metrics]

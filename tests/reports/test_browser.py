@@ -1,0 +1,415 @@
+"""The page in headless Chromium, opened from disk: no network, by mouse, keyboard and touch, on a phone, in print."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from handbench.reports.run import read_run
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="the Python package playwright is not installed")
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+CHROMIUM = next((found for name in NAMES if (found := shutil.which(name))), None)
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason=f"no Chromium is installed: none of {', '.join(NAMES)} is there"
+)
+QUIET = ("no-sandbox", "disable-gpu", "disable-background-networking", "no-first-run", "disable-component-update")
+TOLERATED = 1  # pixels of rounding
+
+
+@pytest.fixture(scope="module")
+def run(whole_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with a published row, and a method without any value."""
+    folder = tmp_path_factory.mktemp("browser") / "run"
+    shutil.copytree(whole_run, folder, ignore=shutil.ignore_patterns("report"))
+    plan = json.loads((folder / "run.json").read_text())
+    told = {"method": "urhand", "title": "URHand", "marker": "†", "source": "A paper"}
+    plan["protocol"]["published"] = [{**told, "values": {"unseen-segment": [29.5, None, None]}}]
+    plan["protocol"]["published_note"] = ""
+    (folder / "run.json").write_text(json.dumps(plan))
+    for cell in read_run(folder).of_method("physical"):
+        (folder / "cells" / f"{cell['key']}.json").unlink()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def address(run: Path, page_of: Callable[[Path], str]) -> str:
+    path = run / "page.html"
+    path.write_text(page_of(run), encoding="utf-8")
+    return path.as_uri()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with sync_api.sync_playwright() as playwright:
+        flags = [f"--{flag}" for flag in (*QUIET, "disable-sync")]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=flags)
+        yield browser
+        browser.close()
+
+
+class Opened:
+    """The page in a window of its own, and what it complained of or asked the network for."""
+
+    def __init__(self, browser: Any, address: str, width: int = 1280, height: int = 900, **settings: Any) -> None:
+        self.context = browser.new_context(viewport={"width": width, "height": height}, **settings)
+        self.page = self.context.new_page()
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+        self.page.on("console", lambda message: self.complaints.append(f"{message.type}: {message.text}"))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(address)
+        if settings.get("java_script_enabled", True):
+            self.drawn()
+
+    def drawn(self) -> None:
+        self.page.wait_for_selector('.stage[aria-busy="false"]')
+
+    def choose(self, name: str, value: str) -> None:
+        self.page.select_option(f'.viewer select[name="{name}"]', value)
+        self.drawn()
+
+    def pictures(self) -> list[str]:
+        return self.page.eval_on_selector_all(".side canvas", "all => all.map(one => one.toDataURL())")
+
+    def style(self, selector: str, name: str) -> str:
+        return self.page.eval_on_selector(selector, f"one => getComputedStyle(one).getPropertyValue('{name}')")
+
+    def view(self) -> tuple[float, float, float]:
+        """Zoom, and the shift to the right and down as shares of the stage."""
+        transform = self.page.eval_on_selector(".side.left canvas", "one => one.style.transform")
+        x, y, zoom = map(float, re.findall(r"[-\d.]+(?:e-?\d+)?", transform))
+        return zoom, x / 100, y / 100
+
+    def split(self) -> float:
+        return float(self.style(".stage", "--split"))
+
+    def middle(self) -> tuple[float, float]:
+        self.page.locator(".stage").scroll_into_view_if_needed()
+        box = self.page.locator(".stage").bounding_box()
+        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+@pytest.fixture
+def opened(browser: Any, address: str) -> Iterator[Opened]:
+    found = Opened(browser, address)
+    yield found
+    found.context.close()
+    assert not found.complaints, "nothing that a test does makes the page complain"
+
+
+def test_the_page_opens_from_disk_and_asks_the_network_for_nothing(opened: Opened) -> None:
+    assert opened.page.title().startswith("Quick comparison")
+    assert not [url for url in opened.requests if not url.startswith(("file:", "data:"))]
+    broken = "all => all.filter(one => one.complete && !one.naturalWidth).length"
+    assert opened.page.eval_on_selector_all("img", broken) == 0
+
+
+def test_links_of_the_contents_lead_to_sections(opened: Opened) -> None:
+    links = opened.page.eval_on_selector_all(".contents a", "all => all.map(one => one.getAttribute('href'))")
+    assert {"#results", "#methods", "#pareto", "#viewer", "#figures"} <= set(links)
+    assert all(opened.page.locator(link).count() == 1 for link in links)
+
+
+def test_sorting_goes_both_ways_keeps_gaps_and_published_rows_last_and_is_announced(opened: Opened) -> None:
+    page = opened.page
+    head = page.locator(".results thead button").nth(1)  # PSNR of the first column
+    first = "all => all.map(row => row.className + ' ' + row.cells[0].dataset.value)"
+    head.focus()
+    page.keyboard.press("Enter")
+    ordered = page.eval_on_selector_all(".results tbody tr", first)
+    values = ["calibration Oracle", "method URHand", "method Phong", "calibration Mean"]
+    last = ["method Physical_BRDF & fit", "published URHand"]
+    assert ordered == values + last
+    assert page.locator(".results th[aria-sort]").get_attribute("aria-sort") == "descending"
+    assert page.inner_text("#said").replace("\xa0", " ") == "Sorted by PSNR ↑, descending"
+    page.keyboard.press("Enter")
+    assert page.eval_on_selector_all(".results tbody tr", first) == values[::-1] + last
+
+
+def test_plots_follow_the_choice_of_metric_and_time(opened: Opened) -> None:
+    page = opened.page
+    assert page.locator("#pareto-plots figure:visible").count() == 3
+    page.click('.choices [data-metric="ssim"]')
+    page.click('.choices [data-time="training"]')
+    titles = page.locator("#pareto-plots figure:visible svg > title")
+    assert [text.split(":")[0] for text in titles.all_text_contents()] == [
+        "SSIM against time, training and one personalisation"
+    ] * 3
+    assert page.locator('.choices [aria-pressed="true"]').all_inner_texts() == [
+        "SSIM",
+        "Training and one personalisation",
+    ]
+
+
+def test_labels_in_plots_do_not_overlap_in_the_browsers_own_font(opened: Opened) -> None:
+    boxes = """all => all.map(one =>
+      [...one.querySelectorAll("g text")].map(text => text.getBoundingClientRect().toJSON()))"""
+    for labels in opened.page.eval_on_selector_all("#pareto-plots figure:not([hidden]) svg", boxes):
+        for i, one in enumerate(labels):
+            for other in labels[:i]:
+                across = min(one["right"], other["right"]) - max(one["left"], other["left"])
+                down = min(one["bottom"], other["bottom"]) - max(one["top"], other["top"])
+                assert across < 1 or down < 4, (one, other)  # a line of text is taller than its letters
+
+
+def test_the_divider_moves_by_keyboard_and_by_mouse(opened: Opened) -> None:
+    page = opened.page
+    page.focus(".split")
+    for _ in range(5):
+        page.keyboard.press("ArrowRight")
+    assert opened.split() == 55
+    assert page.get_attribute(".split", "aria-valuetext") == "55 % Truth, 45 % URHand"
+    page.keyboard.press("End")
+    assert opened.split() == 100
+    page.focus(".stage")
+    page.keyboard.press("ArrowLeft")
+    assert opened.split() == 98 and page.input_value(".split") == "98"
+    x, y = opened.middle()
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x - 40, y)
+    page.mouse.up()
+    assert opened.split() < 50
+    clip = opened.style(".side.right", "clip-path")
+    assert float(re.findall(r"([\d.]+)%", clip)[-1]) == pytest.approx(opened.split(), abs=0.1)
+
+
+def test_choosing_a_method_changes_its_side_its_score_and_what_is_said(opened: Opened, run: Path) -> None:
+    page, before = opened.page, opened.pictures()
+    page.select_option('select[name="right"]', label="Phong")
+    opened.drawn()
+    after = opened.pictures()
+    assert after[0] == before[0] and after[1] != before[1]
+    values = {name: page.input_value(f'select[name="{name}"]') for name in ("subject", "pose", "camera", "light")}
+    scores = [s for cell in read_run(run).of_method("phong") for s in cell["scores"]]
+    told = [score["value"] for score in scores if score["query"] == "/".join(values.values())]
+    shown = page.locator(".scores td.right").all_inner_texts()
+    assert shown == [f"{told[0]:.2f} dB", f"{told[1]:.3f}", f"{told[2]:.3f}"]
+    assert page.inner_text(".said") == f"Left: Truth; right: Phong, PSNR {shown[0]}."
+    assert page.get_attribute(".side.right canvas", "aria-label") == f"Phong, PSNR {shown[0]}"
+    page.click(".swap")
+    opened.drawn()
+    assert opened.pictures() == after[::-1]
+
+
+def test_the_four_choices_reach_every_frame_and_keep_what_they_can(opened: Opened) -> None:
+    page, before = opened.page, opened.pictures()
+    opened.choose("subject", "s02")
+    assert opened.pictures() != before
+    opened.choose("pose", "open")
+    opened.choose("camera", "palmar")
+    opened.choose("light", "environment-07")
+    opened.choose("subject", "s01")
+    kept = [page.input_value(f'select[name="{name}"]') for name in ("subject", "pose", "camera", "light")]
+    assert kept == ["s01", "open", "palmar", "environment-07"]
+    assert page.eval_on_selector_all('select[name="light"] optgroup', "all => all.map(one => one.label)") == [
+        "One light at a time",
+        "Group of lights",
+        "Environment map",
+    ]
+    opened.choose("column", "unseen-light")
+    assert page.inner_text(".place") == "1 of 24" and page.input_value('select[name="light"]') == "olat-03"
+    page.click(".before")
+    opened.drawn()
+    assert page.inner_text(".place") == "24 of 24" and "Unseen light" in page.inner_text(".exposure")
+
+
+def test_a_missing_picture_is_told_in_its_place(opened: Opened) -> None:
+    opened.page.select_option('select[name="right"]', label="Phong")
+    opened.choose("column", "unseen-light")
+    assert "non-finite: 3 pixels" in opened.page.inner_text(".side.right .missing")
+    assert opened.page.locator(".scores td.right").all_inner_texts() == ["– dB", "–", "–"]
+
+
+def test_the_error_map_is_zero_for_what_is_right_and_bright_where_a_method_is_wrong(opened: Opened) -> None:
+    page = opened.page
+    light = """all => all.map(one => {
+      const copy = Object.assign(document.createElement("canvas"), { width: one.width, height: one.height });
+      const context = copy.getContext("2d", { willReadFrequently: true });
+      context.drawImage(one, 0, 0);
+      const data = context.getImageData(0, 0, one.width, one.height).data;
+      return [[...data.slice(0, 3)], data.reduce((sum, value, i) => sum + (i % 4 < 3 ? value : 0), 0) / data.length];
+    })"""
+    found = {}
+    truth = opened.pictures()[0]
+    page.check(".error")
+    opened.drawn()
+    assert opened.pictures()[0] == truth, "the truth has no error to show"
+    for title in ("Mean", "URHand"):
+        page.select_option('select[name="right"]', label=title)
+        opened.drawn()
+        corner, found[title] = page.eval_on_selector_all(".side canvas", light)[1]
+        assert corner == [0, 0, 3], "the colour of no error, outside of the hand"
+    assert found["Mean"] > 1.5 * found["URHand"] > 0
+    assert page.is_visible(".viewer .legend") and page.inner_text(".tag.right") == "URHand, error"
+    page.focus(".stage")
+    page.keyboard.press("e")
+    opened.drawn()
+    assert not page.is_visible(".viewer .legend")
+
+
+def test_zoom_by_buttons_keys_and_wheel_and_pan(opened: Opened) -> None:
+    page = opened.page
+    page.click(".tools .in")
+    assert opened.view() == pytest.approx((1.5, -0.25, -0.25)) and page.inner_text(".zoom") == "1.5×"
+    page.focus(".stage")
+    page.keyboard.press("+")
+    page.keyboard.press("+")
+    assert opened.view()[0] == pytest.approx(1.5**3)
+    before = opened.view()
+    page.keyboard.press("ArrowRight")
+    assert opened.view()[1] == pytest.approx(before[1] - 0.1) and opened.split() == 50, (
+        "zoomed, arrows move the picture"
+    )
+    x, y = opened.middle()
+    page.mouse.move(x + 60, y)
+    page.mouse.down()
+    page.mouse.move(x + 100, y + 30)
+    page.mouse.up()
+    assert opened.view()[1] > before[1] - 0.1 and opened.view()[2] > before[2] and opened.split() == 50
+    page.keyboard.press("0")
+    assert opened.view() == (1, 0, 0)
+    page.mouse.wheel(0, -300)
+    page.wait_for_function("document.querySelector('.zoom').value !== '1×'")
+    zoom, left, _ = opened.view()
+    assert zoom == pytest.approx(2.718, abs=0.01)
+    box = page.locator(".stage").bounding_box()
+    share = (x + 100 - box["x"]) / box["width"]
+    assert (share - left) / zoom == pytest.approx(share, abs=0.01), "what is under the pointer stays there"
+    page.click(".fit")
+    assert opened.view() == (1, 0, 0)
+
+
+def test_the_wheel_scrolls_the_page_until_the_picture_is_chosen(opened: Opened) -> None:
+    x, y = opened.middle()
+    opened.page.mouse.move(x, y)
+    before = opened.page.evaluate("scrollY")
+    opened.page.mouse.wheel(0, -200)  # what would zoom in
+    opened.page.wait_for_function(f"scrollY < {before}")
+    assert opened.view()[0] == 1
+
+
+def test_by_touch_one_finger_moves_the_divider_and_two_zoom(browser: Any, address: str) -> None:
+    opened = Opened(browser, address, 390, 780, has_touch=True, is_mobile=True)
+    x, y = opened.middle()
+    touch = opened.context.new_cdp_session(opened.page)
+
+    def fingers(kind: str, *places: tuple[float, float]) -> None:
+        points = [{"x": x + dx, "y": y + dy, "id": i} for i, (dx, dy) in enumerate(places)]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    fingers("touchStart", (0, 0))
+    for dx in (10, 30, 60, 90):
+        fingers("touchMove", (dx, 0))
+    fingers("touchEnd")
+    assert opened.split() > 60
+    fingers("touchStart", (-20, 0), (20, 0))
+    for dx in (25, 35, 50, 60):
+        fingers("touchMove", (-dx, 0), (dx, 0))
+    fingers("touchEnd")
+    assert opened.view()[0] == pytest.approx(3, rel=0.15)
+    assert opened.page.evaluate("visualViewport.scale") == 1, "the picture was zoomed, not the page"
+    opened.context.close()
+
+
+@pytest.mark.parametrize("width", (320, 400, 768))
+def test_a_narrow_window_has_no_sideways_scroll(browser: Any, address: str, width: int) -> None:
+    opened = Opened(browser, address, width, 700)
+    wide = """() => [...document.querySelectorAll("body *")].filter(one =>
+      one.getBoundingClientRect().right > innerWidth + 1 && !one.closest(".scroll, .hidden, .side, .skip")
+    ).map(one => one.outerHTML.slice(0, 90))"""
+    assert opened.page.evaluate("document.documentElement.scrollWidth") <= width + TOLERATED
+    assert opened.page.evaluate(wide) == []
+    opened.context.close()
+
+
+def test_print_has_whole_tables_and_no_controls(browser: Any, address: str) -> None:
+    opened = Opened(browser, address, 1032, 700)  # A4 across, less its margins
+    page = opened.page
+    page.click(".picker button:nth-child(2)")
+    page.emulate_media(media="print")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    for selector in (".picker", ".choices", "#viewer", ".contents"):
+        assert not page.locator(selector).first.is_visible(), selector
+    tables = "all => all.filter(one => one.getBoundingClientRect().right > innerWidth + 1).map(one => one.className)"
+    assert page.eval_on_selector_all("table", tables) == []
+    assert page.locator(".results th.group:visible").count() == 3, "all columns, though one was picked"
+    assert page.pdf(prefer_css_page_size=True).startswith(b"%PDF")
+    opened.context.close()
+
+
+@pytest.mark.parametrize("scheme", ("light", "dark"))
+def test_text_has_contrast(browser: Any, address: str, scheme: str) -> None:
+    opened = Opened(browser, address, color_scheme=scheme)
+    faint = """() => {
+      const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
+      const luminance = (rgb) => rgb.slice(0, 3).map((v) => v / 255)
+        .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+        .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+      const behind = (one) => {
+        for (; one; one = one.parentElement) {
+          const found = numbers(getComputedStyle(one).backgroundColor);
+          if (found.length === 3 || found[3] > 0.5) return found;
+        }
+      };
+      const found = new Set();
+      for (const one of document.querySelectorAll("body *")) {
+        const own = [...one.childNodes].some((node) => node.nodeType === 3 && node.data.trim());
+        if (!own || !one.checkVisibility() || one.closest(".hidden, .skip, script, .side")) continue;
+        const style = getComputedStyle(one);
+        const text = numbers(one instanceof SVGElement ? style.fill : style.color);
+        const pair = [luminance(text), luminance(behind(one))].sort((a, b) => b - a);
+        const ratio = (pair[0] + 0.05) / (pair[1] + 0.05);
+        if (ratio < 4.5) found.add(`${one.tagName}.${one.getAttribute("class")} ${ratio.toFixed(2)}`);
+      }
+      return [...found];
+    }"""
+    assert opened.page.evaluate(faint) == []
+    opened.context.close()
+
+
+def test_everything_that_can_be_operated_has_a_name_and_a_visible_focus(opened: Opened) -> None:
+    page = opened.page
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.textContent") == "Skip to the results"
+    nameless = """all => all.filter(one => one.checkVisibility() && !(
+      one.getAttribute("aria-label") || (one.tagName !== "SELECT" && one.textContent.trim()) ||
+      [...(one.labels ?? [])].some(label => label.textContent.trim())
+    )).map(one => one.outerHTML)"""
+    assert page.eval_on_selector_all("button, select, input, output, a", nameless) == []
+    outlined = """() => {
+      const style = getComputedStyle(document.activeElement);
+      return style.outlineStyle !== "none" && parseFloat(style.outlineWidth) >= 1;
+    }"""
+    visited = set()
+    for _ in range(200):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement === document.body"):
+            break
+        visited.add(page.evaluate("document.activeElement.className || document.activeElement.name || ''"))
+        assert page.evaluate(outlined), page.evaluate("document.activeElement.outerHTML.slice(0, 90)")
+    assert {"stage", "split", "error", "swap", "subject", "right", "before"} <= visited, "the viewer is on the way"
+
+
+def test_tables_have_captions_and_heads_have_scopes(opened: Opened) -> None:
+    bare = "all => all.filter(one => !one.caption?.textContent.trim()).length"
+    assert opened.page.eval_on_selector_all("table", bare) == 0
+    assert opened.page.locator("th:not([scope])").count() == 0
+
+
+def test_without_scripts_the_results_are_there_and_the_viewer_says_why_it_is_not(browser: Any, address: str) -> None:
+    opened = Opened(browser, address, java_script_enabled=False)
+    page = opened.page
+    assert page.is_visible(".results") and not page.is_visible(".viewer") and not page.is_visible(".choices")
+    assert "needs JavaScript" in page.inner_text("#viewer")
+    assert page.locator("#pareto-plots figure:visible").count() == 27
+    opened.context.close()
