@@ -46,7 +46,7 @@ def read_exr(path: Path) -> dict[str, Array]:
     if not path.is_file():
         raise InputError(f"image {path} does not exist; generate the capture again or check its folder")
     try:
-        with _quiet_stderr(), OpenEXR.File(str(path), separate_channels=True) as file:
+        with quiet_stderr(), OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: channel.pixels.astype(np.float32) for name, channel in file.channels().items()}
     except Exception as error:  # the binding raises plain RuntimeError, TypeError and others for damaged files
         raise InputError(
@@ -61,7 +61,7 @@ def read_exr(path: Path) -> dict[str, Array]:
 
 
 @contextmanager
-def _quiet_stderr() -> Iterator[None]:
+def quiet_stderr() -> Iterator[None]:
     """Silence file descriptor 2: the C library prints a line for every damaged chunk, our error is enough."""
     saved, sink = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:

@@ -1,0 +1,73 @@
+"""Score pictures that a method drew elsewhere, and write down what such a method is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from ..data.capture import Capture
+from ..data.predictions import Asked, read_folder, write_template
+from ..data.predictions.manifest import name_fits
+from ..data.predictions.method import entry_of
+from ..errors import InputError
+from ..registry import CAPTURES, METHODS
+from .plan import make_method, method_entries
+from .progress import Steps, steps
+from .protocol import Protocol, Selected, resolve
+from .run import Outcome, run
+
+
+def score(
+    protocol: Protocol,
+    folder: Path,
+    out: Path | None = None,
+    data: Path | None = None,
+    name: str | None = None,
+    allow_missing: bool = False,
+    command: Iterable[str] = (),
+) -> Outcome:
+    """Score a prediction folder beside the protocol's calibration rows, into `out` (default: runs/PROTOCOL-NAME).
+
+    `name` is the method's name in the run, by default the manifest's. With `allow_missing`, a query without a picture
+    and a picture with NaN become missing scores with their reason.
+    Raises `Unfit` with all that is wrong with the folder, before anything is written, and what `run` raises.
+    """
+    if name is not None and not name_fits(name):
+        raise InputError(f"name {name!r} cannot be a method's; use letters, digits, points, dashes and underscores")
+    with steps() as told:
+        asked, _, _ = _asked(protocol, data, told)
+    found = read_folder(folder, asked, allow_missing)
+    entry = entry_of(found, name or found.manifest.method)
+    method_entries((), (entry,))  # a name that is taken is told before the calibration rows are made
+    methods = (*_calibration(protocol), entry.name)
+    place = out or Path("runs") / f"{protocol.name}-{entry.name}"
+    return run(protocol, methods, (found.manifest.seed,), None, place, data, command, extra=(entry,))
+
+
+def template(protocol: Protocol, folder: Path, data: Path | None = None, images: bool = False) -> int:
+    """Write what the protocol asks into a new folder, which the pictures then go to; how many are asked for.
+
+    With `images`, the recorded pictures of training and enrolment come along.
+    Raises `InputError` if the folder is not empty, `StorageError` if it cannot be written.
+    """
+    with steps() as told:
+        asked, selected, capture = _asked(protocol, data, told)
+        scored = {frame.key: frame for frames in selected.scored.values() for frame in frames}
+        observe = capture.observe if images else None
+        progress = told("images of training and enrolment")
+        write_template(folder, asked, scored.values(), selected.train, selected.enrol, observe, progress)
+    return len(scored)
+
+
+def _asked(protocol: Protocol, data: Path | None, told: Steps) -> tuple[Asked, Selected, Capture]:
+    progress = told(f"capture {protocol.capture} {protocol.size}")
+    capture = CAPTURES.load(protocol.capture)(size=protocol.size, folder=data, progress=progress)
+    selected = resolve(protocol, capture.frames())
+    scored = (frame for frames in selected.scored.values() for frame in frames)
+    return Asked.of(protocol.label, protocol.digest, capture.digest, scored), selected, capture
+
+
+def _calibration(protocol: Protocol) -> list[str]:
+    """The protocol's rows that say whether a run is right: the truth and the floor."""
+    infos = {name: make_method(METHODS.entry(name), protocol.preset_of(name)).info for name in protocol.methods}
+    return [name for name, info in infos.items() if info.truth or info.fidelity.startswith("calibration")]

@@ -1,0 +1,21 @@
+"""Prediction folders: pictures that a method drew elsewhere, in a strict layout, checked and then scored.
+
+    manifest.json                           what the pictures answer, and who drew them
+    SUBJECT/POSE/CAMERA/LIGHTING.exr        one picture a query
+    times.json                              optional: what the authors say drawing took
+    README…, LICENSE…                       optional: for people
+    asked/                                  optional: what `write_template` put there; never read
+
+manifest.py   the two JSON files
+picture.py    one EXR file
+folder.py     the whole folder against what a protocol asks
+template.py   what a protocol asks, for software that is not handbench
+method.py     a folder as a method of the bench
+"""
+
+from .folder import Asked, PredictionFolder, read_folder
+from .manifest import Manifest, Times
+from .problems import Problems, Unfit
+from .template import write_template
+
+__all__ = ["Asked", "Manifest", "PredictionFolder", "Problems", "Times", "Unfit", "read_folder", "write_template"]

@@ -1,0 +1,130 @@
+"""A prediction folder against what a protocol asks: everything that is wrong is found before anything is scored."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...errors import InputError
+from ...scene import Frame, Query
+from .manifest import MANIFEST, TIMES, Manifest, Times, read_manifest, read_times
+from .picture import Misfit, not_finite, read_picture
+from .problems import Problems, Unfit
+
+ASKED = "asked"  # the folder of the template
+_FREE = ("readme", "license", "licence")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a protocol asks: the manifest that an answer must have, without its authors, and the queries by key."""
+
+    manifest: Manifest
+    queries: Mapping[str, Query]
+
+    @staticmethod
+    def of(protocol: str, protocol_digest: str, capture_digest: str, frames: Iterable[Frame]) -> Asked:
+        """From the protocol's name@version, the digests and the scored frames."""
+        return Asked(Manifest(protocol, protocol_digest, capture_digest), {frame.key: frame.query for frame in frames})
+
+
+@dataclass(frozen=True)
+class PredictionFolder:
+    """A folder that was found fit: `digest` covers every byte that decides a result."""
+
+    path: Path
+    manifest: Manifest
+    times: Times | None
+    digest: str
+
+
+def picture_path(folder: Path, key: str) -> Path:
+    """Where the picture of a query is; `InputError` for a key that would lead out of the folder."""
+    if ".." in Path(key).parts or Path(key).is_absolute():
+        raise InputError(f"query {key!r} would lead out of {folder}; the capture must name its frames otherwise")
+    return folder / f"{key}.exr"
+
+
+def read_folder(folder: Path, asked: Asked, allow_missing: bool = False) -> PredictionFolder:
+    """Check a folder. Raises `Unfit` with all that is wrong, and `InputError` if there is no such folder.
+
+    With `allow_missing`, queries without a picture and pictures with NaN are no fault: their scores have a reason.
+    """
+    if not folder.is_dir():
+        raise InputError(f"there is no prediction folder {folder}; check its path")
+    problems = Problems()
+    manifest = read_manifest(folder, asked.manifest, problems)
+    times = read_times(folder, asked.queries, problems)
+    present, linked = _files(folder.resolve(), asked, problems)
+    digest = hashlib.sha256()
+    for name in (MANIFEST, TIMES):
+        if (folder / name).is_file():
+            digest.update((folder / name).read_bytes() + b"\0")
+    for key, query in asked.queries.items():
+        path = picture_path(folder, key)
+        if key not in present:
+            if key not in linked and not allow_missing:
+                problems.add("missing", f"{key}.exr")
+            continue
+        try:
+            bad = not_finite(read_picture(path, query.camera))
+        except Misfit as error:
+            problems.add(error.kind, f"{key}.exr {error}")
+            continue
+        if bad and not allow_missing:
+            problems.add("non-finite", f"{key}.exr has {bad} {'value' if bad == 1 else 'values'}")
+        digest.update(f"{key}\0{hashlib.sha256(path.read_bytes()).hexdigest()}\0".encode())
+    if not present and not problems:
+        problems.add("missing", "there is not one picture")
+    if problems or manifest is None:
+        raise Unfit(f"prediction folder {folder}", problems)
+    return PredictionFolder(folder, manifest, times, digest.hexdigest())
+
+
+def _files(folder: Path, asked: Asked, problems: Problems) -> tuple[set[str], set[str]]:
+    """The queries that have a file, and those whose file is a link that leaves the folder.
+
+    Such links, links to folders, and names that mean nothing are problems.
+    """
+    wanted = {f"{key}.exr": key for key in asked.queries}
+    folded = {name.casefold(): name for name in wanted}
+    present: set[str] = set()
+    linked: set[str] = set()
+    strange: list[str] = []
+    for parent, folders, names in os.walk(folder):
+        here = Path(parent)
+        folders[:] = sorted(name for name in folders if not name.startswith(".") and (here / name) != folder / ASKED)
+        for name in (*folders, *sorted(names)):
+            path = here / name
+            relative = path.relative_to(folder).as_posix()
+            if path.is_symlink() and (name in folders or _leaves(path, folder)):
+                problems.add("link", f"{relative} points to {path.readlink()}")
+                linked.add(wanted.get(relative, ""))
+            elif relative in wanted:
+                present.add(wanted[relative])
+            elif name not in folders and not name.startswith(".") and not _free(relative):
+                strange.append(relative)
+    for name in strange:
+        twin = folded.get(name.casefold())
+        if twin is not None and wanted[twin] in present:
+            problems.add("duplicate", f"{name} beside {twin}")
+        else:
+            problems.add("unexpected", f"{name} (did you mean {twin}?)" if twin else name)
+    return present, linked
+
+
+def _leaves(link: Path, folder: Path) -> bool:
+    try:
+        return not link.resolve().is_relative_to(folder)
+    except (OSError, RuntimeError):  # a link that leads to itself
+        return True
+
+
+def _free(relative: str) -> bool:
+    """Whether a file is none of ours and no mistake either."""
+    if "/" in relative:
+        return False
+    return relative in (MANIFEST, TIMES) or relative.lower().startswith(_FREE)

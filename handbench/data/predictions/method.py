@@ -1,0 +1,82 @@
+"""A prediction folder as a method of the bench: what it is asked, it looks up."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError, Unsupported
+from ...method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
+from ...registry import Entry
+from ...scene import Prediction, Query
+from .folder import PredictionFolder, picture_path
+from .picture import Misfit, read_picture
+
+FIDELITY = "predictions from a folder, not run here"
+
+
+class FolderAvatar(Avatar):
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def relight(self, query: Query) -> Prediction:
+        path = picture_path(self._folder, query.key)
+        if not path.exists():
+            raise Unsupported("the prediction folder has no picture of this query")
+        try:
+            return read_picture(path, query.camera)
+        except Misfit as error:  # it was whole when the folder was checked
+            raise InputError(f"picture {path} {error}; it has changed, score again") from error
+
+
+class FolderPrior(Prior):
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
+        return FolderAvatar(self._folder)
+
+    def save(self, folder: Path) -> None:
+        """Nothing is learned, so nothing is written."""
+
+
+class FolderMethod(Method):
+    def __init__(self, folder: Path, info: MethodInfo, config: dict[str, Any]) -> None:
+        self._folder, self.info, self._config = folder, info, config
+
+    @property
+    def config(self) -> dict[str, Any]:
+        return self._config
+
+    def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
+        return FolderPrior(self._folder)
+
+    def load(self, folder: Path) -> Prior:
+        return FolderPrior(self._folder)
+
+
+def entry_of(found: PredictionFolder, name: str) -> Entry:
+    """The plug-in that is a folder; its settings tell the content, so other content is computed anew."""
+    told = json.dumps(asdict(found.times)) if found.times else ""
+    manifest = found.manifest
+    settings = {"folder": str(found.path.absolute()), "name": name, "title": manifest.title, "note": manifest.note}
+    settings |= {"times": told, "content": found.digest}
+    return Entry(name, f"{__name__}:create", FIDELITY, tuple(settings.items()))
+
+
+def create(preset: str = "quick", *, folder: str, name: str, title: str, note: str, times: str, content: str) -> Method:
+    """The method that looks pictures up in a folder; every preset is the same."""
+    told = json.loads(times) if times else None
+    claim = f"; its authors tell {told['median_ms']:.3g} ms a frame on {told['device']}" if told else ""
+    info = MethodInfo(
+        name=name,
+        title=title,
+        summary=note or "pictures that were drawn elsewhere",
+        universal=True,
+        lights=frozenset({"directional", "point", "environment"}),
+        fidelity=FIDELITY + claim,
+        timed=False,
+    )
+    return FolderMethod(Path(folder), info, {"content": content, "note": note, "times told by its authors": told})
