@@ -18,7 +18,8 @@ setup:
 quick: setup
 	$(BIN)/handbench run quick
 
-test: setup
+test:
+	@bash maintainer/setup.sh test
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2
 
 lint: setup

@@ -1,19 +1,24 @@
 #!/usr/bin/env bash
 # Make .venv with everything handbench needs. Run by make; does nothing when nothing changed.
-#   PYTHON   the interpreter to use, 3.11 or newer (default: python3)
+#   setup.sh         to use handbench and work on it
+#   setup.sh test    what only tests need as well: a browser, Ray, outside references
+#   PYTHON           the interpreter to use, 3.11 or newer (default: python3)
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python=${PYTHON:-python3}
+wanted=${1:-dev}
 stamp=.venv/handbench-setup
 
 say() { printf 'setup: %s\n' "$*" >&2; }
 
-# The system packages that are missing: libusb for open3d, LLVM for Mitsuba's fast variant, venv for this script.
+# The system packages that are missing: libusb for open3d, LLVM for Mitsuba's fast variant, a browser for tests of
+# pages, venv for this script.
 missing_packages() {
     local libraries
     libraries=$(PATH="$PATH:/sbin:/usr/sbin" ldconfig -p 2>/dev/null || true)
     grep -q 'libusb-1\.0\.so' <<<"$libraries" || echo libusb-1.0-0
     grep -q 'libLLVM[.-]*\(so\.\)*19' <<<"$libraries" || echo libllvm19
+    [ "$wanted" != test ] || command -v chromium >/dev/null || echo chromium
     [ -x .venv/bin/python ] || "$python" -c 'import ensurepip, venv' 2>/dev/null || echo python3-venv
 }
 
@@ -49,7 +54,7 @@ if [ ${#missing[@]} -gt 0 ]; then install_packages "${missing[@]}"; fi
 
 # What an installation depends on; the folder too, since an editable install and a venv name it.
 state=$({ pwd; cat pyproject.toml constraints.txt maintainer/setup.sh; } | cksum)
-if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$state" ]; then exit 0; fi
+if [ -f "$stamp-$wanted" ] && [ "$(cat "$stamp-$wanted")" = "$state" ]; then exit 0; fi
 
 if [ ! -x .venv/bin/python ]; then
     say "creating .venv"
@@ -60,11 +65,13 @@ if [ ! -x .venv/bin/python ]; then
     }
 fi
 say "installing Python packages (several minutes the first time)"
-rm -f "$stamp"
+rm -f "$stamp"-*
 pip=(.venv/bin/python -m pip install -qq --disable-pip-version-check --constraint constraints.txt)
 # torch first and by its exact version: a looser request may fetch gigabytes of GPU libraries.
 "${pip[@]}" "$(grep '^torch==' constraints.txt)"
 "${pip[@]}" "$(grep '^setuptools==' constraints.txt)"
-"${pip[@]}" --no-build-isolation --editable '.[dev]'
-printf '%s\n' "$state" >"$stamp"
+extras=dev
+[ "$wanted" != test ] || extras=dev,test
+"${pip[@]}" --no-build-isolation --editable ".[$extras]"
+for installed in ${extras//,/ }; do printf '%s\n' "$state" >"$stamp-$installed"; done
 say "done"

@@ -32,4 +32,13 @@ ENTRIES: tuple[Entry, ...] = (
         )
         for name, a in ABLATIONS.items()
     ),
+    *(
+        Entry(
+            f"{name}-tracked",
+            "handbench.methods.geometry.method:create",
+            f"{name} on meshes of the hand geometry autoencoder instead of the capture's",
+            (("method", name),),
+        )
+        for name in ("physical", "urhand")
+    ),
 )

@@ -77,7 +77,7 @@ def test_arguments_that_make_no_sense(arguments, capsys):
 
 
 def test_stopping_is_told(monkeypatch, capsys):
-    def stop(*arguments: object) -> None:
+    def stop(*arguments: object, **named: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(run, "run", stop)
@@ -89,7 +89,7 @@ def test_stopping_is_told(monkeypatch, capsys):
 def test_run_writes_the_report_and_says_where(monkeypatch, capsys, tmp_path, crashed, code):
     given = []
 
-    def fake(*arguments: object) -> Outcome:
+    def fake(*arguments: object, **named: object) -> Outcome:
         given.append(arguments)
         return Outcome(tmp_path, 3, 2, crashed)
 
@@ -119,7 +119,7 @@ def test_report_of_a_folder_without_a_run(tmp_path, capsys):
 
 
 def test_report_formats(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr(handbench.reports, "table", lambda folder: SimpleNamespace(of=folder))
+    monkeypatch.setattr(handbench.reports, "table", lambda *folders, baseline: SimpleNamespace(of=folders[0]))
     monkeypatch.setattr(handbench.reports, "render_latex", lambda table: f"latex of {table.of}\n")
     assert main(["report", str(tmp_path), "--format", "latex"]) == 0
     assert capsys.readouterr().out == f"latex of {tmp_path}\n"

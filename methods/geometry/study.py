@@ -20,8 +20,9 @@ from handbench.data.capture import Capture
 from handbench.errors import StorageError, Unsupported
 from handbench.files import whole
 from handbench.hand import OpenHand
-from handbench.hand.geometry_errors import point_error, surface_errors
 from handbench.method import Progress, Recording, silent
+from handbench.metrics.geometry.points import point_error
+from handbench.metrics.geometry.surface import mean, percentile95, surface_distances
 from handbench.registry import CAPTURES
 from handbench.scene import Array, Frame, Mesh
 
@@ -69,11 +70,13 @@ def geometry_report(prior: GeometryPrior, enrolment: Recording, frames: Recordin
         points = scan([(frame, lit.observe(frame))]).points
         true = posed_points(rest[frame.subject], frame.pose)
         for row, (mesh, joints) in _geometries(frame, tracking).items():
+            distances = surface_distances(mesh, points)
             found.append(
                 FrameErrors(
                     frame.key,
                     row,
-                    **surface_errors(mesh, points),
+                    surface_mean=mean(distances),
+                    surface_p95=percentile95(distances),
                     joint=None if joints is None else point_error(joints, true),
                     vertex=None if mesh is frame.mesh else point_error(mesh.vertices, frame.mesh.vertices),
                 )

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 import torch
+from torch import Tensor
 
 from handbench.device import device
-from handbench.errors import Unsupported
+from handbench.errors import NonFinite, Unsupported
 from handbench.method import Progress, Recording, silent
-from handbench.scene import Array, Frame, Mesh, Pose, Query
+from handbench.scene import Array, Frame, Mesh, Pose, Query, Topology
 
 from ..nets.weights import load_state, save_state
 from .config import Config, configuration
@@ -52,17 +54,20 @@ class GeometryPrior:
     def identify(self, enrolment: Recording) -> Person:
         """The mean identity of a recording's one subject.
 
-        Raises `Unsupported` without fully lit frames with depth in a neutral pose.
+        Raises `Unsupported` without fully lit frames with depth in a neutral pose, `NonFinite` for a hand that is not.
         """
         found = neutral(enrolment)
         mean, _ = self.model.encode(found.scan, found.points)
-        return Person(found, self.model.shape(mean))
+        shape = self.model.shape(mean)
+        if not (shape.points.isfinite().all() and shape.vertices.isfinite().all()):
+            raise NonFinite("geometry: the hand at rest is not finite; train again")
+        return Person(found, shape)
 
     @torch.no_grad()
     def track(self, person: Person, views: Recording) -> Tracked:
         """The geometry of one pose of a person from its fully lit frames: what cameras add to the pose is averaged.
 
-        Raises `Unsupported` if there are none.
+        Raises `Unsupported` if there are none, `NonFinite` if the surface is not finite.
         """
         lit, model = full_frames(views), self.model
         observed = person.neutral.observed(lit.frames[0])
@@ -73,9 +78,21 @@ class GeometryPrior:
             )
             for f in lit.frames
         ]
-        beyond = torch.stack(added).mean(dim=0)
-        posed = model.posed(person.shape, told, beyond)
-        topology = lit.frames[0].mesh.topology
+        return self._tracked(person, told, torch.stack(added).mean(dim=0), lit.frames[0].mesh.topology)
+
+    @torch.no_grad()
+    def follow(self, person: Person, query: Query) -> Tracked:
+        """The geometry of a pose that no picture shows, from its joints alone: E_theta is not asked.
+
+        Of the query only its pose is looked at, and its mesh's topology. Raises `NonFinite` as `track` does.
+        """
+        told = self.model.told(person.shape, person.neutral.observed(query))
+        return self._tracked(person, told, self.model.still, query.mesh.topology)
+
+    def _tracked(self, person: Person, told: Pose, beyond: Tensor, topology: Topology) -> Tracked:
+        posed = self.model.posed(person.shape, told, beyond)
+        if not posed.vertices.isfinite().all():
+            raise NonFinite("geometry: the tracked surface is not finite; train again")
         return Tracked(Mesh(posed.vertices.numpy(), topology), combined(told, beyond), posed.points.numpy())
 
     def save(self, folder: Path) -> None:
@@ -124,27 +141,33 @@ class Tracking:
     """Frames and queries with the autoencoder's mesh and pose in place of the capture's.
 
     `lit` holds the fully lit frames that are looked at: those of every pose asked for, and of every subject one in the
-    neutral pose. A pose is tracked once, and its frames share one mesh. The prior is frozen (supp. Sec. 4.1).
+    neutral pose. A pose is tracked once, and frames that share a mesh share the tracked one. The prior is frozen
+    (supp. Sec. 4.1). With `blind`, poses that no fully lit frame shows are followed by their joints alone.
     """
 
-    def __init__(self, prior: GeometryPrior, lit: Recording) -> None:
-        self._prior, self._lit = prior, full_frames(lit)
+    def __init__(self, prior: GeometryPrior, lit: Recording, blind: bool = False) -> None:
+        self._prior, self._lit, self._blind = prior, full_frames(lit), blind
         self._persons: dict[str, Person] = {}
-        self._poses: dict[str, Tracked] = {}
+        self._poses: WeakKeyDictionary[Mesh, Tracked] = WeakKeyDictionary()
 
     def of(self, query: Query) -> Tracked:
-        """The geometry of a query's pose. Raises `Unsupported` if no fully lit frame shows it."""
-        if query.pose_key not in self._poses:
+        """The geometry of a query's pose. Raises `Unsupported` if no fully lit frame shows it and without `blind`."""
+        if query.mesh not in self._poses:
             views = self._lit.where(lambda frame: frame.pose_key == query.pose_key)
-            if not views.frames:
+            if not views.frames and not self._blind:
                 raise Unsupported(
                     f"{query.pose_key} cannot be tracked: no fully lit frame of it was given; "
                     "record one, or use the capture's own meshes"
                 )
-            if query.subject not in self._persons:
-                self._persons[query.subject] = self._prior.identify(self._lit.of_subject(query.subject))
-            self._poses[query.pose_key] = self._prior.track(self._persons[query.subject], views)
-        return self._poses[query.pose_key]
+            person = self._person(query.subject)
+            found = self._prior.track(person, views) if views.frames else self._prior.follow(person, query)
+            self._poses[query.mesh] = found
+        return self._poses[query.mesh]
+
+    def _person(self, subject: str) -> Person:
+        if subject not in self._persons:
+            self._persons[subject] = self._prior.identify(self._lit.of_subject(subject))
+        return self._persons[subject]
 
     def __call__(self, query: Asked) -> Asked:
         found = self.of(query)

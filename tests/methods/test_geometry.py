@@ -16,7 +16,6 @@ from handbench.data.capture import Capture
 from handbench.data.openstage import open_capture
 from handbench.errors import InputError, Unsupported
 from handbench.hand import OpenHand, sample_pose
-from handbench.hand.geometry_errors import point_error, surface_distances
 from handbench.method import Recording
 from handbench.methods.geometry import GeometryPrior, Tracker, Tracking, create, tracked
 from handbench.methods.geometry.config import Config
@@ -27,6 +26,8 @@ from handbench.methods.geometry.scan import depth_maps, picture, scan
 from handbench.methods.geometry.skeleton import directions, posed_points, regressor
 from handbench.methods.geometry.study import geometry_report, run
 from handbench.methods.geometry.training import Lesson, closest, laplacian
+from handbench.metrics.geometry.points import point_error
+from handbench.metrics.geometry.surface import surface_distances
 from handbench.scene import Camera, Frame, Mesh, Observation, Pose
 
 SMALL = Config(image=32, depth=32, points=400, steps=4, warmup=1, code=8)

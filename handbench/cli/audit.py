@@ -1,0 +1,34 @@
+"""handbench audit: doubt about a finished run, check by check."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+from pathlib import Path
+from typing import Any
+
+
+def add(verbs: Any) -> None:
+    audit = verbs.add_parser("audit", help="check a finished run: calibration, leaks, pixels, scores, NaN, keys")
+    audit.add_argument("run", type=Path, help="the folder of a run")
+    audit.add_argument("--protocol", metavar="FILE", help="the run's protocol file, if it is not a registered one")
+    audit.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
+    audit.add_argument("--json", action="store_true", help="print the verdicts as JSON")
+    audit.set_defaults(verb=_audit)
+
+
+def _audit(arguments: argparse.Namespace) -> int:
+    from ..bench.audit import audit
+
+    tables = importlib.import_module("handbench.reports").table
+    words = {True: "holds", False: "BROKEN", None: "n/a"}
+    verdicts = []
+    for verdict in audit(arguments.run, tables, arguments.protocol, arguments.data):
+        verdicts.append(verdict)
+        if not arguments.json:
+            print(f"{verdict.law:<22} {words[verdict.holds]:<7} {verdict.detail}", flush=True)
+    if arguments.json:
+        told = [{"check": v.law, "verdict": words[v.holds], "detail": v.detail} for v in verdicts]
+        print(json.dumps(told, indent=1, ensure_ascii=False))
+    return 1 if any(verdict.holds is False for verdict in verdicts) else 0

@@ -1,0 +1,47 @@
+"""handbench data: make and show captures."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add(verbs: Any) -> None:
+    data = verbs.add_parser("data", help="make and show captures").add_subparsers(required=True, metavar="VERB")
+    make = data.add_parser("make", help="generate what is missing of a capture")
+    make.set_defaults(verb=_data_make)
+    show = data.add_parser("show", help="summarise a capture and draw a contact sheet")
+    show.add_argument("--out", type=Path, metavar="PNG", help="the picture (default: CAPTURE.png)")
+    show.set_defaults(verb=_data_show)
+    for verb in (make, show):
+        verb.add_argument("capture", help="a name that 'handbench list captures' shows")
+        verb.add_argument("--size", default="quick", metavar="SIZE")
+        verb.add_argument("--folder", type=Path, metavar="DIR", help="where captures are kept")
+
+
+def _data_make(arguments: argparse.Namespace) -> int:
+    capture = _capture(arguments)
+    print(f"{capture.name}: {len(capture.frames())} frames, digest {capture.digest[:16]}")
+    return 0
+
+
+def _data_show(arguments: argparse.Namespace) -> int:
+    from ..data.contactsheet import summary, write_contact_sheet
+
+    capture = _capture(arguments)
+    print(summary(capture))
+    path = arguments.out or Path(f"{capture.name}.png")
+    write_contact_sheet(capture, path)
+    print(f"contact sheet: {path}")
+    return 0
+
+
+def _capture(arguments: argparse.Namespace) -> Any:
+    """The capture that is named; what is missing of it is generated, with progress."""
+    from ..bench.progress import steps
+    from ..registry import CAPTURES
+
+    with steps() as told:
+        label = f"capture {arguments.capture} {arguments.size}"
+        return CAPTURES.load(arguments.capture)(arguments.size, arguments.folder, told(label))

@@ -1,0 +1,157 @@
+"""handbench metrics compare: how one prediction scores under our own metrics and under official evaluators."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Iterator
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ..errors import InputError
+from .shared import show
+
+if TYPE_CHECKING:
+    from ..scene import Array
+
+_FORMATS = ("terminal", "csv", "markdown")
+_ENCODINGS = ("auto", "linear", "srgb")
+
+
+def add(verbs: Any) -> None:
+    metrics = verbs.add_parser("metrics", help="score pictures with our metrics and as official evaluators do")
+    compare = metrics.add_subparsers(required=True, metavar="VERB").add_parser(
+        "compare",
+        help="one prediction under all metrics, side by side",
+        description="Score a picture, or a folder of pictures, against the truth of equal name under our metrics and "
+        "as official evaluators do. EXR and floating-point numpy files are linear, PNG and JPEG are sRGB; images are "
+        "premultiplied, on black. Values of a folder are means over its files; --format csv has each file's.",
+    )
+    compare.add_argument("prediction", type=Path, help="EXR, PNG, JPEG or numpy file, or a folder of them")
+    compare.add_argument("truth", type=Path, help="the same, of the same size")
+    compare.add_argument("--mask", type=Path, help="where the hand is (default: the truth's alpha, or everywhere)")
+    compare.add_argument("--only", default="*", metavar="GLOB", help="only metrics of such a name, e.g. 'goliath-*'")
+    compare.add_argument("--sequence", action="store_true", help="files in order of name are a sequence: adds flicker")
+    compare.add_argument("--pred-encoding", choices=_ENCODINGS, default="auto", help="of the prediction's values")
+    compare.add_argument("--truth-encoding", choices=_ENCODINGS, default="auto", help="of the truth's values")
+    compare.add_argument("--format", choices=_FORMATS, default="terminal")
+    compare.set_defaults(verb=_compare)
+
+
+class _Files(NamedTuple):
+    prediction: Path
+    truth: Path
+    mask: Path | None
+
+
+def _compare(arguments: argparse.Namespace) -> int:
+    from ..bench.progress import steps
+
+    table = importlib.import_module("handbench.metrics.compat.compare")
+    files, chosen = _files(arguments), _metrics(arguments.only)
+    remarks: dict[str, None] = {}
+    kept: list[Any] = []
+    shares: list[float] = []
+
+    with steps() as told:
+        tell = told("pictures scored")
+
+        def pairs() -> Iterator[tuple[str, Any]]:
+            for i, (name, of_name) in enumerate(files.items()):
+                pair = _pair(of_name, arguments, remarks)
+                shares.append(float((pair.mask > 0.5).mean()))
+                if arguments.sequence:
+                    kept.append(pair)
+                yield name, pair
+                if len(files) > 1:
+                    tell(i + 1, len(files))
+
+        found = table.lines(chosen, pairs())
+    if arguments.sequence:
+        flicker = importlib.import_module("handbench.metrics.geometry.flicker")
+        found.append(table.Line(flicker.FLICKER, {"": flicker.flicker(kept)}))
+
+    if arguments.format == "csv":
+        print(table.render_csv(found), end="")
+        for remark in remarks:
+            print(f"handbench: {remark}", file=sys.stderr)
+    elif arguments.format == "markdown":
+        print(table.render_markdown(found, remarks), end="")
+    else:
+        means = f"; means of {len(files)} files" if len(files) > 1 else ""
+        print(f"{arguments.prediction} against {arguments.truth}{means}")
+        print(f"the mask covers {100 * sum(shares) / len(shares):.1f} % of the picture")
+        show(table.render_terminal(found))
+        print("\n".join(table.notes(found, remarks)))
+    return 0
+
+
+def _metrics(only: str) -> list[Any]:
+    """The registered metrics whose name fits, with default options; those that can be aligned also so, with rgb."""
+    from ..registry import METRICS, Broken
+
+    module = importlib.import_module(METRICS.package)
+    fits = [n for n, e in METRICS.entries().items() if fnmatchcase(n, only) and not isinstance(e, Broken)]
+    if not fits:
+        raise InputError(f"--only {only!r} fits no metric; 'handbench list metrics' shows their names")
+    found = []
+    for name in fits:
+        found.append(module.metric(name))
+        if "rgb" in found[-1].family.options.get("scale", ()):
+            found.append(module.metric(f"{name}:scale=rgb"))
+    return found
+
+
+def _files(arguments: argparse.Namespace) -> dict[str, _Files]:
+    """What is compared, by name; two files need no equal names, files in folders do."""
+    from ..data.pictures import folder_of, matched
+
+    given = {"prediction": arguments.prediction, "truth": arguments.truth}
+    if arguments.mask is not None:
+        given["mask"] = arguments.mask
+    folders = {what: path for what, path in given.items() if path.is_dir()}
+    for what, path in given.items():
+        if not path.exists():
+            raise InputError(f"{what} {path} does not exist")
+        if folders and what not in folders:
+            raise InputError(f"{what} {path} is a file, but a folder was given too; give files or folders")
+    if not folders:
+        return {arguments.prediction.stem: _Files(arguments.prediction, arguments.truth, arguments.mask)}
+    names = {f"{what} folder {path}": folder_of(path) for what, path in folders.items()}
+    by_name = list(names.values())
+    masks = by_name[2] if len(by_name) > 2 else {}
+    return {name: _Files(by_name[0][name], by_name[1][name], masks.get(name)) for name in matched(names)}
+
+
+def _pair(files: _Files, arguments: argparse.Namespace, remarks: dict[str, None]) -> Any:
+    """Prediction, truth and mask as `handbench.metrics.Pair`; what a reader must know of them goes to the remarks."""
+    import numpy as np
+
+    from ..data.pictures import read_mask, read_picture
+
+    prediction = read_picture(files.prediction, arguments.pred_encoding)
+    truth = read_picture(files.truth, arguments.truth_encoding)
+    _same_size(files.prediction, prediction.image, files.truth, truth.image)
+    image, mask = truth.image, truth.alpha
+    if files.mask is not None:
+        mask = read_mask(files.mask)
+        _same_size(files.mask, mask, files.truth, truth.image)
+        if truth.alpha is None:
+            image = image * mask[..., None]  # a photograph with its mask becomes what an alpha channel would make it
+    if mask is None:
+        mask = np.ones(image.shape[:2], np.float32)
+        remarks["the truth has no alpha and no mask is given: the whole picture counts as the hand"] = None
+    if prediction.alpha is None:
+        remarks["the prediction has no alpha: where an evaluator looks at it, the truth's is taken"] = None
+    module = importlib.import_module("handbench.metrics")
+    return module.Pair(prediction.image, image, mask, prediction_alpha=prediction.alpha)
+
+
+def _same_size(path: Path, one: Array, truth: Path, other: Array) -> None:
+    (height, width), (rows, columns) = one.shape[:2], other.shape[:2]
+    if (height, width) != (rows, columns):
+        raise InputError(
+            f"{path} is {width}x{height} pixels and {truth} is {columns}x{rows}; give pictures of one size"
+        )

@@ -1,0 +1,69 @@
+"""handbench score: pictures that a method drew elsewhere, in the tables of a protocol."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from .shared import show
+
+
+def add(verbs: Any) -> None:
+    score = verbs.add_parser("score", help="score a folder of pictures that a method drew elsewhere")
+    score.add_argument("protocol", help="a name that 'handbench list protocols' shows, or a TOML file")
+    what = score.add_mutually_exclusive_group(required=True)
+    what.add_argument("folder", nargs="?", type=Path, help="the prediction folder")
+    what.add_argument("--template", type=Path, metavar="DIR", help="write what is asked into a new folder instead")
+    score.add_argument("--images", action="store_true", help="with --template: the pictures to train on, too")
+    score.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: runs/PROTOCOL-NAME)")
+    score.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
+    score.add_argument("--name", help="the method's name in the run (default: as its manifest says)")
+    score.add_argument(
+        "--allow-missing", action="store_true", help="score what is there; the rest is told as missing, with reasons"
+    )
+    score.set_defaults(verb=_score)
+
+
+def _score(arguments: argparse.Namespace) -> int:
+    from ..bench.run import find_protocol
+    from ..bench.score import score, template
+    from ..data.predictions import Unfit
+
+    _check_company(arguments)
+    protocol = find_protocol(arguments.protocol)
+    if arguments.template is not None:
+        count = template(protocol, arguments.template, arguments.data, arguments.images)
+        print(f"{count} pictures are asked for, see {arguments.template / 'asked' / 'queries.json'}")
+        print(f"draw them, complete {arguments.template / 'manifest.json'}, and score the folder")
+        return 0
+    command = ["handbench", *sys.argv[1:]]
+    chosen = (arguments.out, arguments.data, arguments.name, arguments.allow_missing)
+    try:
+        outcome = score(protocol, arguments.folder, *chosen, command)
+    except Unfit as error:
+        print("\n".join(error.lines), file=sys.stderr)
+        raise
+    reports = importlib.import_module("handbench.reports")
+    files = reports.write_reports(outcome.folder)
+    show(reports.render_terminal(reports.table(outcome.folder)))
+    print(f"run folder: {outcome.folder}")
+    print(f"report: {files['index.html']}")
+    for crash in outcome.crashed:
+        print(f"handbench: {crash}", file=sys.stderr)
+    return 1 if outcome.crashed else 0
+
+
+def _check_company(arguments: argparse.Namespace) -> None:
+    """Raises `InputError` for an option that means nothing beside the others."""
+    if arguments.template is None:
+        if arguments.images:
+            raise InputError("--images goes with --template; leave it out")
+        return
+    for option in ("out", "name", "allow_missing"):
+        if getattr(arguments, option):
+            flag = option.replace("_", "-")
+            raise InputError(f"--{flag} goes with a prediction folder, not with --template; leave it out")

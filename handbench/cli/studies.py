@@ -1,0 +1,78 @@
+"""handbench speed, stress and geometry: studies beside the protocols."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+from .shared import names, show
+
+
+def add(verbs: Any) -> None:
+    stress = verbs.add_parser("stress", help="try hard cases on the core and every method")
+    stress.add_argument("--only", metavar="GLOB", help="the cases whose FAMILY/NAME fits, e.g. 'shading/*'")
+    stress.add_argument("--methods", type=names, metavar="A,B", help="instead of all registered methods")
+    stress.add_argument("--out", type=Path, default=Path("runs/stress"), metavar="DIR", help="default: runs/stress")
+    stress.add_argument("--list", action="store_true", help="list the cases and what is expected, try none")
+    stress.set_defaults(verb=_stress)
+
+    speed = verbs.add_parser("speed", help="error against time of the lighting core, its rivals and every method")
+    speed.add_argument("--methods", type=names, metavar="A,B", help="instead of all registered methods")
+    speed.add_argument("--quick", action="store_true", help="one scene and fewer settings, about a minute")
+    speed.add_argument("--out", type=Path, default=Path("runs/speed"), metavar="DIR", help="default: runs/speed")
+    speed.set_defaults(verb=_speed)
+
+    geometry = verbs.add_parser("geometry", help="train the hand geometry autoencoder and measure its errors")
+    geometry.add_argument("protocol", help="whose subjects and frames; 'handbench list protocols' shows names")
+    geometry.add_argument("--preset", metavar="NAME")
+    geometry.add_argument("--seed", type=int, default=0)
+    geometry.add_argument("--out", type=Path, metavar="DIR", help="where results go (default: runs/geometry)")
+    geometry.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
+    geometry.set_defaults(verb=_geometry)
+
+
+def _stress(arguments: argparse.Namespace) -> int:
+    from ..bench.stress.record import render
+    from ..bench.stress.run import chosen_cases, stress
+
+    if arguments.list:
+        for case in chosen_cases(arguments.methods, arguments.only):
+            print(f"{case.id}  {case.expected.text}")
+        return 0
+    done = stress(arguments.out, arguments.methods, arguments.only, ["handbench", *sys.argv[1:]])
+    show(render(done.results, done.seconds))
+    print(f"all cases: {done.path}")
+    if (arguments.out / "run.json").is_file():  # the folder of a run, whose page shows them
+        print(f"report: {importlib.import_module('handbench.reports').write_reports(arguments.out)['index.html']}")
+    return 0 if done.passed else 1
+
+
+def _speed(arguments: argparse.Namespace) -> int:
+    from ..bench.progress import steps
+    from ..bench.speed.study import study, write
+
+    with steps() as told:
+        found = study(arguments.methods, arguments.quick, ["handbench", *sys.argv[1:]], told)
+    path = write(arguments.out, found)
+    speed = importlib.import_module("handbench.reports.speed")
+    if (arguments.out / "run.json").is_file():  # the folder of a run, whose page shows the study
+        page = importlib.import_module("handbench.reports").write_reports(arguments.out)["index.html"]
+    else:
+        page = speed.write_speed_report(arguments.out)
+    show(speed.render_speed(found))
+    print(f"raw repeats: {path}")
+    print(f"report: {page}")
+    return 0
+
+
+def _geometry(arguments: argparse.Namespace) -> int:
+    study = importlib.import_module("handbench.methods.geometry.study")
+    command = ["handbench", *sys.argv[1:]]
+    out = arguments.out or Path("runs") / "geometry"
+    found = study.run(arguments.protocol, out, arguments.data, arguments.preset, arguments.seed, command)
+    show(study.render(found["table"]))
+    print(f"every frame: {out / study.RESULT}")
+    return 0
