@@ -89,6 +89,7 @@ class Worker:
     @property
     def alive(self) -> bool:
         if self._end.alive and self._pid == os.getpid() and self._process.poll() is not None:
+            self.failure = self._failure("a pause between calls", Closed("the process has ended"))
             self.end()  # what it started may live on
         return self._end.alive and self._pid == os.getpid()
 

@@ -437,6 +437,7 @@ def nodes(toys: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         made.shutdown()
 
 
+@pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")  # Ray starts its processes by one, JAX warns of any
 def test_a_cluster_that_loses_a_node_makes_the_run_that_one_process_makes(
     nodes, toys, toy_protocol, tmp_path, monkeypatch
 ):

@@ -339,3 +339,14 @@ def test_a_killed_worker_costs_one_subject(remote, toys, frames, tmp_path):
         avatar.relight(chosen[1].query)
     after = prior.personalise(recording).relight(replace(chosen[0].query))
     assert after.image.tobytes() == before.image.tobytes()
+
+
+def test_a_worker_killed_between_calls_has_a_reason(remote, frames):
+    capture, chosen = frames
+    method = remote()
+    recording = Recording(chosen[:6], capture.observe)
+    avatar = method.train(recording, 3).personalise(recording)
+    os.kill(method._worker._process.pid, signal.SIGKILL)
+    method._worker._process.wait()
+    with pytest.raises(WorkerFailed, match="SIGKILL.*between calls"):
+        avatar.relight(chosen[0].query)
