@@ -348,5 +348,5 @@ def test_a_worker_killed_between_calls_has_a_reason(remote, frames):
     avatar = method.train(recording, 3).personalise(recording)
     os.kill(method._worker._process.pid, signal.SIGKILL)
     method._worker._process.wait()
-    with pytest.raises(WorkerFailed, match="SIGKILL.*between calls"):
+    with pytest.raises(WorkerFailed, match=r"SIGKILL.*between calls"):
         avatar.relight(chosen[0].query)
