@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -163,3 +164,10 @@ def test_a_pattern_gives_a_family_of_methods_its_preset() -> None:
     special = replace(smoke, presets=(("urhand-*", "smoke"), ("urhand-phong", "standard")))
     assert special.preset_of("urhand-phong") == "standard"  # a name is stronger than a pattern
     assert special.preset_of("urhand") == "quick"
+
+
+def test_the_examples_of_the_document_are_protocols():
+    text = (Path(__file__).parents[2] / "docs" / "protocols.md").read_text()
+    protocol, published = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", text, re.DOTALL))
+    parsed = parse({**protocol, **published}, "docs")
+    assert parsed.preset_of("urhand-phong") == "ablation" and len(parsed.published) == 1
