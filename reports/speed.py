@@ -12,7 +12,7 @@ from rich.console import RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from handbench.bench.speed.study import MITSUBA, RESULT, read
+from handbench.bench.speed.record import MITSUBA, RESULT, read
 from handbench.bench.store import writing
 from handbench.files import whole
 

@@ -52,7 +52,8 @@ def _stress(arguments: argparse.Namespace) -> int:
 
 def _speed(arguments: argparse.Namespace) -> int:
     from ..bench.progress import steps
-    from ..bench.speed.study import study, write
+    from ..bench.speed.record import write
+    from ..bench.speed.study import study
 
     with steps() as told:
         found = study(arguments.methods, arguments.quick, ["handbench", *sys.argv[1:]], told)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from handbench.bench.speed import study, truth
+from handbench.bench.speed import record, study, truth
 from handbench.bench.speed.competitors import Naive, bitmap
 from handbench.bench.speed.configurations import Configuration
 from handbench.bench.speed.core import Core
@@ -216,7 +216,7 @@ def test_a_study_of_a_scene_is_whole_json(tiny: Scene, tmp_path: object, monkeyp
     assert {curve["pose"] for curve in found["curves"]} == {"new", "known"}
     assert all(len(p["seconds"]) >= 3 for curve in found["curves"] for p in curve["points"])
     folder = Path(str(tmp_path)) / "out"
-    study.write(folder, {"schema": study.SCHEMA, "scenes": [found]})
-    assert study.read(folder)["scenes"][0]["equal_error"] == found["equal_error"]
+    record.write(folder, {"schema": record.SCHEMA, "scenes": [found]})
+    assert record.read(folder)["scenes"][0]["equal_error"] == found["equal_error"]
     assert [path.name for path in folder.iterdir()] == ["speed.json"]
     assert math.isfinite(found["truth"]["noise"])

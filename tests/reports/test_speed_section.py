@@ -12,7 +12,8 @@ from rich.console import Console
 
 from handbench.bench.speed.equal_error import table
 from handbench.bench.speed.measure import Curve, Point
-from handbench.bench.speed.study import GOALS, SCHEMA
+from handbench.bench.speed.record import SCHEMA
+from handbench.bench.speed.study import GOALS
 from handbench.errors import InputError
 from handbench.reports.speed import cell_text, duration, goals, render_speed, speed_section, write_speed_report
 

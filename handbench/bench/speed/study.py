@@ -8,37 +8,30 @@ alone (clustered lights, Mitsuba's emitter tables) or on the topology alone (the
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
 
-from ...errors import InputError, Unsupported
-from ...files import whole
+from ...errors import Unsupported
 from ...method import Progress, silent
 from ...registry import METHODS
 from ...scene import Array
 from ..progress import Steps
 from ..provenance import provenance
-from ..store import writing
 from . import methods, truth
 from .competitors import Mitsuba, Naive
 from .configurations import known_pose_sweep, new_pose_sweep
 from .core import Core
 from .equal_error import TARGETS, table
 from .measure import Curve, Point, timed
+from .record import MITSUBA, SCHEMA
 from .scaling import scalings
 from .scene import Scene, moved, scenes
 from .truth import Truth
 
-SCHEMA = 1
-RESULT = "speed.json"
-
 OURS, NAIVE = "handbench", "naive torch"
-MITSUBA = {"default": "Mitsuba direct", "tuned": "Mitsuba direct, tuned"}
 
 GOALS = ({"scene": "lambert-sun", "error": 0.01, "new": 3.0, "known": 30.0},)
 """How many times faster than Mitsuba a new and a known pose should be."""
@@ -207,25 +200,3 @@ def _filled(expected: Truth, like: Array) -> Array:
     picture = np.zeros((like.shape[0] * like.shape[1], 3))
     picture[expected.pixels] = expected.values
     return picture.reshape(like.shape)
-
-
-def write(folder: Path, found: dict[str, Any]) -> Path:
-    """`speed.json` in the folder, whole or not at all. Raises `StorageError` if it cannot be written."""
-    path = folder / RESULT
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        with whole(path) as part:
-            part.write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return path
-
-
-def read(folder: Path) -> dict[str, Any]:
-    """What `write` wrote. Raises `InputError` where there is none or another version wrote it."""
-    path = folder / RESULT
-    try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path} cannot be read ({error}); run 'handbench speed' first") from error
-    if found.get("schema") != SCHEMA:
-        raise InputError(f"{path} has schema {found.get('schema')}, this version reads {SCHEMA}; measure again")
-    return found
