@@ -14,7 +14,7 @@ from itertools import pairwise
 from typing import Literal
 
 from .model import Group, Metric, Row, Table, number
-from .places import Box, Label, placed
+from .places import Box, Label, placed, width
 
 METRICS = 3  # the first of a protocol's metrics are drawn
 TIMES = {
@@ -25,7 +25,7 @@ TIMES = {
 WIDTH, HEIGHT = 360, 240  # of a drawing
 FRAME = Box(46, 18, 348, 202)  # the plot in it
 _ROOM = 1.35  # how far the time axis goes beyond the points, as a factor
-_TICK = 44  # the room that the text of a time needs
+_ROOM = 1.1  # of the widths of two times beside each other
 _STEPS = ((1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8), (1, 1.5, 2, 3, 5, 7), (1, 2, 5), (1, 3), (1,))
 Kind = Literal["front", "beaten", "gap", "calibration"]
 
@@ -211,10 +211,14 @@ def _ticks(low: float, high: float) -> Iterator[tuple[float, str]]:
 
 def _times(low: float, high: float) -> tuple[float, ...]:
     """Round times between two: as many as have room beside each other."""
-    room = _TICK / (FRAME.right - FRAME.left) * math.log10(high / low)
+    scale = (FRAME.right - FRAME.left) / math.log10(high / low)
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     for steps in _STEPS:
         found = tuple(step * 10.0**power for power in powers for step in steps if low <= step * 10.0**power <= high)
-        if all(math.log10(later / earlier) >= room for earlier, later in pairwise(found)):
+        wide = [_ROOM * width(clock(value)) for value in found]
+        if all(
+            scale * math.log10(later / earlier) >= (one + other) / 2
+            for (earlier, later), (one, other) in zip(pairwise(found), pairwise(wide), strict=True)
+        ):
             return found
     return found
