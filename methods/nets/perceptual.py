@@ -30,12 +30,18 @@ def perceptual_loss(pictures: Tensor, truth: Tensor) -> Tensor:
     truth (3, H, W) or (B, 3, H, W). Values are clipped to [0, 1], as the networks know no others; sides below 32
     pixels are padded with black.
     """
-    count = len(pictures)
-    both = torch.cat([pictures, truth.expand(count, -1, -1, -1) if truth.ndim == 4 else truth[None]]).clamp(0.0, 1.0)
-    height, width = both.shape[-2:]
-    if min(height, width) < _LEAST:
-        both = torch.nn.functional.pad(both, (0, max(0, _LEAST - width), 0, max(0, _LEAST - height)))
-    total = both.new_zeros(count)
-    for weight, layer in zip(WEIGHTS, features("alex", both, len(WEIGHTS)), strict=True):
-        total = total + weight * (layer[:count] - layer[count:]).abs().mean(dim=(1, 2, 3))
+    with torch.no_grad():
+        wanted = _features(truth if truth.ndim == 4 else truth[None])
+    total = pictures.new_zeros(len(pictures))
+    for weight, drawn, true in zip(WEIGHTS, _features(pictures), wanted, strict=True):
+        total = total + weight * (drawn - true).abs().mean(dim=(1, 2, 3))
     return total
+
+
+def _features(pictures: Tensor) -> list[Tensor]:
+    """The features of (B, 3, H, W) by layer."""
+    clipped = pictures.clamp(0.0, 1.0)
+    height, width = clipped.shape[-2:]
+    if min(height, width) < _LEAST:
+        clipped = torch.nn.functional.pad(clipped, (0, max(0, _LEAST - width), 0, max(0, _LEAST - height)))
+    return features("alex", clipped, len(WEIGHTS))

@@ -14,7 +14,7 @@ def test_perceptual_loss_is_zero_for_equal_pictures_and_grows_with_blur() -> Non
     truth = torch.rand(3, 64, 48, generator=torch.Generator().manual_seed(0))
     blurs = [torch.nn.functional.avg_pool2d(truth, k, 1, k // 2)[..., :64, :48] for k in (1, 3, 7)]
     losses = perceptual_loss(torch.stack(blurs), truth)
-    assert losses[0] == 0.0
+    assert losses[0] < 1e-6  # rounding: batches of another size
     assert losses[0] < losses[1] < losses[2]
 
 
