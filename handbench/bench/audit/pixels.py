@@ -105,7 +105,7 @@ def rescored(evidence: Evidence) -> tuple[bool | None, str]:
     """Scores of the kept pictures are the stored ones, up to what rounding the picture to half floats does to them.
 
     How much that is is measured: pictures that rounding might have made each of (`_unrounded`) are scored as well, and
-    the stored score must lie within `_BEYOND` times the greatest change. Rows with the truth in hand are left to
+    the stored score must lie within `_BEYOND` times the greatest change and what shows in a table. Rows with the truth in hand are left to
     "oracle perfect": near a perfect score rounding is all there is.
     """
     trouble, skipped, worst, count = [], set(), 0.0, 0
@@ -121,7 +121,8 @@ def rescored(evidence: Evidence) -> tuple[bool | None, str]:
                     if value is not None:
                         skipped.add(f"{evidence.metrics[signature].title} ({again})")
                     continue
-                allowed = _BEYOND * again.noise + 1e-6 * max(1.0, abs(again.value))
+                shown = 0.5 * 10.0 ** -evidence.metrics[signature].decimals
+                allowed = _BEYOND * again.noise + shown
                 apart = math.inf if value is None else abs(value - again.value) / allowed
                 worst, count = max(worst, apart), count + 1
                 if apart > 1.0:
