@@ -136,7 +136,7 @@ def rescored(evidence: Evidence) -> tuple[bool | None, str]:
     if not count:
         return None, "no kept pictures to score"
     note = f"; not told by pictures: {', '.join(sorted(skipped))}" if skipped else ""
-    return True, f"{count} scores, at most {worst:.2f} of {_BEYOND:g} times what half floats change{note}"
+    return True, f"{count} scores, at most {worst:.2f} of what half floats and print explain{note}"
 
 
 def _again(evidence: Evidence, cell: dict[str, Any], key: str, rng: np.random.Generator) -> dict[str, _Again | str]:
