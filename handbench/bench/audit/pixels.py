@@ -105,8 +105,8 @@ def rescored(evidence: Evidence) -> tuple[bool | None, str]:
     """Scores of the kept pictures are the stored ones, up to what rounding the picture to half floats does to them.
 
     How much that is is measured: pictures that rounding might have made each of (`_unrounded`) are scored as well, and
-    the stored score must lie within `_BEYOND` times the greatest change and what shows in a table. Rows with the truth in hand are left to
-    "oracle perfect": near a perfect score rounding is all there is.
+    the stored score must lie within `_BEYOND` times the greatest change and half of the last digit that tables print.
+    Rows with the truth in hand are left to "oracle perfect": near a perfect score rounding is all there is.
     """
     trouble, skipped, worst, count = [], set(), 0.0, 0
     for number, cell in enumerate(evidence.cells):
