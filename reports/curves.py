@@ -45,7 +45,7 @@ def curves(run: Run) -> dict[str, tuple[Curve, ...]]:
     return {name: tuple(trainings.values()) for name, trainings in found.items()}
 
 
-def figures(run: Run) -> Iterator[tuple[str, str, bytes]]:
+def loss_figures(run: Run) -> Iterator[tuple[str, str, bytes]]:
     """(method's name, its title, PNG) in the order of the run's methods."""
     trainings = curves(run)
     for info in run.plan["methods"]:

@@ -7,6 +7,7 @@ import json
 import os
 from itertools import groupby
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import handbench
 from handbench.bench.store import writing
@@ -17,13 +18,19 @@ from .latex import render_latex
 from .run import read_plan, read_run
 from .text import render_csv, render_markdown
 
+if TYPE_CHECKING:
+    from .model import Table
+    from .page import Shown
+
 STAMP = ".inputs"  # digest of what the reports were made from; written last
+FIGURES = "figures"  # the folder of those
 
 
-def write_reports(run_folder: Path) -> dict[str, Path]:
-    """Write `report/` in the run folder: index.html, table.tex, table.csv, table.md and figures/*.png and *.pdf.
+def write_reports(run_folder: Path, figures: bool = False) -> dict[str, Path]:
+    """Write `report/` in the run folder: index.html, table.tex, table.csv, table.md.
 
-    A run with published orders of methods has agreement.json, with every pair of methods, as well.
+    A run with published orders of methods has agreement.json, with every pair of methods, as well. With `figures`
+    there are figures/*.png and *.pdf for papers too; a report that once had them keeps them up to date.
 
     Returns the files by their path inside `report/`. When the run has not changed since the last call,
     nothing is computed. A file is replaced whole or not at all. Raises `InputError` for a folder without
@@ -31,27 +38,26 @@ def write_reports(run_folder: Path) -> dict[str, Path]:
     """
     folder = run_folder / "report"
     digest = _digest(run_folder)
-    written = _written(folder, digest)
+    asked = figures or (folder / FIGURES).is_dir()
+    written = _written(folder, digest, asked)
     if written is None:
-        contents = _contents(run_folder)
+        contents = _contents(run_folder, asked)
         written = sorted(contents)
         with writing(folder, "make it writable, or copy the run to a folder of yours and report that"):
             _write(folder, contents, digest)
     return {name: folder / name for name in written}
 
 
-def _contents(run_folder: Path) -> dict[str, bytes]:
-    from .curves import figures  # imports matplotlib, which a cached report does without
+def _contents(run_folder: Path, figures: bool) -> dict[str, bytes]:
+    from .curves import loss_figures  # imports matplotlib, which a cached report does without
     from .figures import panels
     from .page import Shown, render_page
     from .pareto import plots
-    from .pareto_figures import pareto_figures
-    from .pictures import grid
     from .viewer import viewer
 
     run = read_run(run_folder)
     table = build(run)
-    shown = Shown(tuple(panels(run)), tuple(figures(run)), plots(table), viewer(run, table))
+    shown = Shown(tuple(panels(run)), tuple(loss_figures(run)), plots(table), viewer(run, table))
     texts = {
         "index.html": render_page(table, run, shown),
         "table.tex": render_latex(table),
@@ -60,13 +66,19 @@ def _contents(run_folder: Path) -> dict[str, bytes]:
     }
     if table.agreements:
         texts["agreement.json"] = json.dumps([as_json(each) for each in table.agreements], indent=1) + "\n"
-    contents = {name: text.encode() for name, text in texts.items()}
-    contents |= {f"figures/losses-{name}.png": picture for name, _, picture in shown.losses}
+    return {name: text.encode() for name, text in texts.items()} | (_figures(shown, table) if figures else {})
+
+
+def _figures(shown: Shown, table: Table) -> dict[str, bytes]:
+    from .pareto_figures import pareto_figures
+    from .pictures import grid
+
+    found = {f"{FIGURES}/losses-{name}.png": picture for name, _, picture in shown.losses}
     by_kind = groupby(shown.panels, key=lambda panel: panel.kind)
-    drawn = [(kind, grid(tuple(of_kind), table.metrics[0])) for kind, of_kind in by_kind]
-    for name, files in (*drawn, *pareto_figures(shown.plots)):
-        contents |= {f"figures/{name}.{kind}": content for kind, content in files.items()}
-    return contents
+    grids = [(kind, grid(tuple(of_kind), table.metrics[0])) for kind, of_kind in by_kind]
+    for name, files in (*grids, *pareto_figures(shown.plots)):
+        found |= {f"{FIGURES}/{name}.{kind}": content for kind, content in files.items()}
+    return found
 
 
 def _digest(run_folder: Path) -> str:
@@ -83,22 +95,24 @@ def _digest(run_folder: Path) -> str:
     return digest.hexdigest()
 
 
-def _written(folder: Path, digest: str) -> list[str] | None:
-    """The files of an earlier report of the same digest, or None."""
+def _written(folder: Path, digest: str, figures: bool) -> list[str] | None:
+    """The files of an earlier report of the same digest, with figures if they are wanted, or None."""
     stamp = folder / STAMP
     if not stamp.is_file():
         return None
     found, *names = stamp.read_text().splitlines()
-    return names if found == digest and all((folder / name).is_file() for name in names) else None
+    if found != digest or (figures and not any(name.startswith(f"{FIGURES}/") for name in names)):
+        return None
+    return names if all((folder / name).is_file() for name in names) else None
 
 
 def _write(folder: Path, contents: dict[str, bytes], digest: str) -> None:
-    (folder / "figures").mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         _replace(folder / name, content)
-    figures = {path for path in (folder / "figures").iterdir() if path.suffix in (".png", ".pdf")}
-    for stale in figures - {folder / name for name in contents}:
-        stale.unlink()
+    for figure in {*(folder / FIGURES).glob("*.png"), *(folder / FIGURES).glob("*.pdf")}:
+        if figure.relative_to(folder).as_posix() not in contents:
+            figure.unlink()
     _replace(folder / STAMP, "\n".join([digest, *sorted(contents)]).encode())
 
 

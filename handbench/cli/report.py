@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from ..bench.results import Answer
 
-_FORMATS = ("terminal", "latex", "csv", "markdown", "html")
+_FORMATS = ("terminal", "latex", "csv", "markdown", "html", "figures")
 _QUERY = """\
 views: runs, methods, cells, scores (one line a value; write "column" with its quotes). For example:
   handbench query runs/quick "SELECT method, avg(value) FROM scores WHERE metric = 'psnr' GROUP BY ALL"
@@ -26,9 +26,9 @@ views: runs, methods, cells, scores (one line a value; write "column" with its q
 
 
 def add(verbs: Any) -> None:
-    report = verbs.add_parser("report", help="print the table of a run or several, or write the page of one")
+    report = verbs.add_parser("report", help="print the table of a run or several, or write the page or figures of one")
     report.add_argument("run", type=Path, nargs="+", help="the folder of a run; several of one protocol are one table")
-    report.add_argument("--format", choices=_FORMATS, default="terminal")
+    report.add_argument("--format", choices=_FORMATS, default="terminal", help="html: the page; figures: PNG and PDF")
     report.add_argument("--baseline", metavar="METHOD", help="show paired differences to this method")
     report.set_defaults(verb=_report)
 
@@ -46,9 +46,10 @@ def add(verbs: Any) -> None:
 
 def _report(arguments: argparse.Namespace) -> int:
     reports = importlib.import_module("handbench.reports")
-    if arguments.format == "html":
+    if arguments.format in ("html", "figures"):
         _check_page(arguments)
-        print(reports.write_reports(arguments.run[0])["index.html"])
+        files = reports.write_reports(arguments.run[0], figures=arguments.format == "figures")
+        print(files["index.html"] if arguments.format == "html" else arguments.run[0] / "report" / "figures")
         return 0
     table = reports.table(*arguments.run, baseline=arguments.baseline)
     if arguments.format == "terminal":
@@ -62,7 +63,7 @@ def _check_page(arguments: argparse.Namespace) -> None:
     from ..errors import InputError
 
     if len(arguments.run) > 1 or arguments.baseline:
-        raise InputError("a page shows one run without a baseline; other formats take several runs and --baseline")
+        raise InputError("a page and its figures show one run without a baseline; other formats take several runs and --baseline")
 
 
 def _compare(arguments: argparse.Namespace) -> int:

@@ -72,7 +72,7 @@ def test_losses_that_change_sign_get_a_linear_axis_beside_the_logarithmic_one() 
 
 def test_the_page_shows_them_and_the_run_keeps_the_pictures(small_run: Path) -> None:
     _train(small_run, "urhand", TOLD)
-    files = write_reports(small_run)
+    files = write_reports(small_run, figures=True)
     assert files["figures/losses-urhand.png"].read_bytes().startswith(b"\x89PNG")
     page = files["index.html"].read_text()
     assert 'alt="Loss curves of URHand"' in page and "Losses as they were told" in page

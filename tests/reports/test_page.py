@@ -51,7 +51,7 @@ class _Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def report(whole_run: Path) -> dict[str, Path]:
-    return write_reports(whole_run)
+    return write_reports(whole_run, figures=True)
 
 
 @pytest.fixture(scope="module")
@@ -170,6 +170,24 @@ def test_a_second_call_does_nothing_and_is_quick(small_run: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in first.values()} == before
 
 
+def test_figures_are_made_when_asked_for_and_then_kept_up_to_date(
+    small_run: Path, set_scores: Callable[..., None]
+) -> None:
+    assert not (small_run / "report" / "figures").exists() and "figures" not in str(sorted(write_reports(small_run)))
+    asked = write_reports(small_run, figures=True)
+    before = {path: path.stat().st_mtime_ns for path in asked.values()}
+    assert asked == write_reports(small_run) == write_reports(small_run, figures=True)
+    assert {path: path.stat().st_mtime_ns for path in asked.values()} == before
+    grid, plot = (asked[f"figures/{name}.png"] for name in ("group", "pareto-psnr-known"))
+    stale = plot.read_bytes()
+    (grid.parent / "olat-of-a-former-run.png").write_bytes(b"")
+    (grid.parent / "notes.txt").write_text("mine")
+    set_scores(small_run, "urhand", psnr=30.0)
+    assert write_reports(small_run).keys() == asked.keys()
+    assert plot.read_bytes() != stale
+    assert {path.name for path in grid.parent.iterdir()} - {path.name for path in asked.values()} == {"notes.txt"}
+
+
 def test_a_report_is_made_anew_when_a_cell_changes_or_a_file_is_lost(
     small_run: Path, set_scores: Callable[..., None]
 ) -> None:
@@ -196,7 +214,7 @@ def test_without_an_oracle_the_page_says_why_it_has_no_images(small_run: Path) -
     plan = json.loads(path.read_text())
     plan["methods"] = plan["methods"][1:]
     path.write_text(json.dumps(plan))
-    files = write_reports(small_run)
+    files = write_reports(small_run, figures=True)
     assert {name.partition("-")[0] for name in files if name.startswith("figures")} == {"figures/pareto"}
     assert "No images: the truth is read from the oracle" in files["index.html"].read_text()
 

@@ -56,6 +56,8 @@ PRESETS: dict[str, Preset] = {
     for preset in (
         Preset("mini", 2, 2, 1, ("dorsal", "palmar"), 8, 2, ("brightday", "hall"), 128, 96, 128, 2, 1, 512, 32),
         Preset("quick", 6, 4, 2, _THREE, 24, 6, _SIX, 256, 192, 96, 3, 1, 1024),
+        # quick with five times the lights: a few lights at a time are far from the whole stage, as on URHand's 350
+        Preset("dense", 6, 4, 2, _THREE, 120, 20, _SIX, 256, 192, 96, 3, 1, 1024),
         Preset("standard", 12, 8, 4, _ALL, 60, 12, _TEN, 512, 384, 128, 3, 1, 2048, 256),
         Preset("full", 24, 16, 8, _ALL, 150, 30, _TEN, 1024, 768, 256, 4, 1, 4096, 256),
     )
