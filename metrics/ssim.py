@@ -5,11 +5,13 @@ region, so that the map inside equals that of the whole image. Over the full ima
 pixels, where the window sticks out, as scikit-image does.
 
 The numbers are scikit-image's (the tests hold them to 1e-9) in less than half its time: the variances enter only as
-their sum, so four pictures are filtered and not five, without copies, and the channels share the processor's cores.
+their sum, so four pictures are filtered and not five, without copies, and bands that fit in a core's cache share the
+processor's cores.
 """
 
 from __future__ import annotations
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -24,6 +26,7 @@ SIGMA = 1.5
 C1, C2 = 0.01**2, 0.03**2  # for a data range of 1
 
 _RADIUS = WINDOW // 2
+_BAND = 64  # rows that a core takes at a time
 
 
 def gaussian_window() -> NDArray[np.float64]:
@@ -34,14 +37,20 @@ def gaussian_window() -> NDArray[np.float64]:
 
 def ssim(view: View) -> float:
     """Mean SSIM, data range 1, in [-1, 1]. In float64: variances are small differences of squares."""
-    inner = slice(_RADIUS, -_RADIUS)
-    counted = (inner, inner) if view.region == "full" else view.support
+    counted = view.support
+    if view.region == "full":
+        counted = np.zeros_like(counted)
+        counted[_RADIUS:-_RADIUS, _RADIUS:-_RADIUS] = True
+    height, _, channels = view.truth.shape
 
-    def mean(channel: int) -> float:
-        return float(similarity(view.prediction[..., channel], view.truth[..., channel])[counted].mean())
+    def total(first: int, channel: int) -> float:
+        around = slice(max(first - _RADIUS, 0), first + _BAND + _RADIUS)
+        found = similarity(view.prediction[around, :, channel], view.truth[around, :, channel])
+        return float(found[first - around.start :][:_BAND][counted[first : first + _BAND]].sum())
 
-    with ThreadPoolExecutor(3) as pool:  # of one call: threads that outlive it would not survive a fork
-        return sum(pool.map(mean, range(3))) / 3
+    bands = [(first, channel) for channel in range(channels) for first in range(0, height, _BAND)]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # of one call: threads that outlive it would not survive a fork
+        return sum(pool.map(total, *zip(*bands, strict=True))) / (channels * int(counted.sum()))
 
 
 def similarity(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

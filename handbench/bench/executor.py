@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..data.capture import Capture
 from ..errors import InputError
+from ..memory import keep_freed_memory
 from ..method import Method, Progress
 from ..registry import CAPTURES, METRICS, Entry
 from .plan import Cell, Plan, make_method, make_plan, method_entries
@@ -131,6 +132,7 @@ def work(site: Site, cells: Sequence[Cell], told: Steps, overall: Progress) -> D
 
     A cell that crashed before is tried again, once.
     """
+    keep_freed_memory()
     store = site.bench.store
     before = {cell.key: store.cell(cell.key) for cell in cells}
     left, done, computed, pause = list(cells), 0, 0, 0.1

@@ -63,7 +63,9 @@ def _check_page(arguments: argparse.Namespace) -> None:
     from ..errors import InputError
 
     if len(arguments.run) > 1 or arguments.baseline:
-        raise InputError("a page and its figures show one run without a baseline; other formats take several runs and --baseline")
+        raise InputError(
+            f"{arguments.format} shows one run without a baseline; tables take several runs and --baseline"
+        )
 
 
 def _compare(arguments: argparse.Namespace) -> int:

@@ -8,8 +8,6 @@ a step can be repeated without the steps before it.
 
 from __future__ import annotations
 
-import ctypes
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -20,6 +18,7 @@ import torch
 from torch import Tensor, nn
 
 from handbench.errors import InputError, NonFinite
+from handbench.memory import keep_freed_memory
 from handbench.method import Progress
 from handbench.scene import Array
 
@@ -119,7 +118,7 @@ def fit(name: str, players: Sequence[Player], samples: int, budget: Budget, seed
     the sum of the first player's losses ("loss") and of each term; those of others are called "player term".
     Raises `NonFinite` at the first step whose loss or gradient is not finite: nothing is trained through it.
     """
-    _keep_freed_memory()
+    keep_freed_memory()
     optimisers = [_Optimiser(player, budget) for player in players]
     state = _State()
     parts = {
@@ -188,13 +187,3 @@ def light_weights(lights: int, counts: Sequence[int], rng: np.random.Generator) 
     weights = np.zeros(lights)
     weights[rng.choice(lights, count, replace=False)] = rng.uniform(0.5, 1.5, count) / np.sqrt(count)
     return weights
-
-
-def _keep_freed_memory() -> None:
-    """Let glibc keep what a step frees: else every large map of the next step is paged in anew (3 ms of 58)."""
-    if sys.platform == "linux":
-        mmap_threshold, trim_threshold = -3, -1
-        libc = ctypes.CDLL(None)
-        if hasattr(libc, "mallopt"):
-            libc.mallopt(mmap_threshold, 32 << 20)
-            libc.mallopt(trim_threshold, (1 << 31) - 1)
