@@ -95,7 +95,7 @@ MOMENTS: dict[str, Strike] = {
     "step": struck(engine, "_step", lambda *_: die()),
     "checkpoint": struck(checkpoint, "save_file", half_weights),
     "prediction": struck(store.Store, "write_prediction", lambda *_: die()),
-    "report": struck(write, "_replace", lambda path, content: half(part_of(path), content)),
+    "report": struck(write, "whole", lambda path, _: half(part_of(path), b"<!doctype html><html>")),
     "after": after,
     "never": lambda nth: None,
 }

@@ -13,8 +13,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from handbench.bench.speed.record import MITSUBA, RESULT, read
-from handbench.bench.store import writing
-from handbench.files import whole
+from handbench.files import whole, writing
 
 from .run import machine
 from .template import environment

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import handbench
-from handbench.bench.store import writing
+from handbench.files import whole, writing
 
 from .agreement import as_json
 from .build import build
@@ -23,7 +22,8 @@ if TYPE_CHECKING:
     from .page import Shown
 
 STAMP = ".inputs"  # digest of what the reports were made from; written last
-FIGURES = "figures"  # the folder of those
+FIGURES = "figures"
+_REMEDY = "make it writable, or copy the run to a folder of yours and report that"
 
 
 def write_reports(run_folder: Path, figures: bool = False) -> dict[str, Path]:
@@ -43,7 +43,7 @@ def write_reports(run_folder: Path, figures: bool = False) -> dict[str, Path]:
     if written is None:
         contents = _contents(run_folder, asked)
         written = sorted(contents)
-        with writing(folder, "make it writable, or copy the run to a folder of yours and report that"):
+        with writing(folder, _REMEDY):
             _write(folder, contents, digest)
     return {name: folder / name for name in written}
 
@@ -109,17 +109,10 @@ def _written(folder: Path, digest: str, figures: bool) -> list[str] | None:
 def _write(folder: Path, contents: dict[str, bytes], digest: str) -> None:
     for name, content in contents.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        _replace(folder / name, content)
+        with whole(folder / name, _REMEDY) as part:
+            part.write_bytes(content)
     for figure in {*(folder / FIGURES).glob("*.png"), *(folder / FIGURES).glob("*.pdf")}:
         if figure.relative_to(folder).as_posix() not in contents:
             figure.unlink()
-    _replace(folder / STAMP, "\n".join([digest, *sorted(contents)]).encode())
-
-
-def _replace(path: Path, content: bytes) -> None:
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(content)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with whole(folder / STAMP, _REMEDY) as part:
+        part.write_text("\n".join([digest, *sorted(contents)]))

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 from ..errors import InputError
+from ..files import writing
 from ..method import Method, Prior, Progress, Recording
 from ..render.shadowstore import default_folder, kept_on_disk
-from .store import Store, writing
+from .store import Store
 
 _CURVE_POINTS = 500
 _SHADOW_BYTES = 1 << 30

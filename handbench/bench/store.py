@@ -27,7 +27,8 @@ from typing import Any
 import numpy as np
 
 from ..checkpoint import Checkpoints, checkpoints_in
-from ..errors import InputError, StorageError
+from ..errors import InputError
+from ..files import writing
 from ..scene import Prediction
 from .claims import claim, holder
 
@@ -163,21 +164,6 @@ class Store:
                 part.replace(path)
             finally:
                 _remove(part)
-
-
-@contextmanager
-def writing(path: Path, remedy: str = "choose another folder with --out") -> Iterator[None]:
-    """Turn an `OSError` while writing `path` into one `StorageError` sentence; `remedy` is not for a full disk."""
-    try:
-        yield
-    except StorageError:
-        raise
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            text = f"the disk is full, {path} cannot be written; free some space and run again, finished cells are kept"
-        else:
-            text = f"{path} cannot be written ({error.strerror or error}); {remedy}"
-        raise StorageError(text) from error
 
 
 def _dump(path: Path, content: dict[str, Any]) -> None:

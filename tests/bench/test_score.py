@@ -183,7 +183,7 @@ def test_a_template_on_a_full_disk_is_one_sentence_and_leaves_nothing(protocol, 
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(np, "savez_compressed", full)
-    with pytest.raises(StorageError, match=r"new cannot be written \(.*No space left on device\); free some space"):
+    with pytest.raises(StorageError, match=r"the disk is full, .*new cannot be written; free some space"):
         template(protocol, tmp_path / "new")
     assert not list(tmp_path.iterdir())
 

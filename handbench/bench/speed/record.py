@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from ...files import whole
-from ..store import writing
+from ...files import whole, writing
 
 SCHEMA = 1
 RESULT = "speed.json"

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse
 
 from ...errors import InputError, StorageError
-from ...files import whole
+from ...files import whole, writing
 from ...hand import OpenHand
 from ...method import Progress, silent
 from ...render.llvm import VECTORISED
@@ -61,7 +61,7 @@ def make(preset: Preset, folder: Path, progress: Progress = silent, variant: str
 
     Raises `StorageError` when the folder cannot be written or the disk is full; what is there stays.
     """
-    try:
+    with writing(folder, "free some space or choose another folder"):
         folder.mkdir(parents=True, exist_ok=True)
         hand = OpenHand.load()
         production = _Production(preset, hand, cast(preset, hand), cameras(preset), lightings(preset), folder)
@@ -74,10 +74,6 @@ def make(preset: Preset, folder: Path, progress: Progress = silent, variant: str
         manifest["content"] = content(folder, manifest)
         with whole(folder / "capture.json") as part:
             part.write_text(json.dumps(manifest, indent=1))
-    except StorageError:
-        raise
-    except OSError as error:
-        raise StorageError(f"{folder} cannot be written ({error}); free some space or choose another folder") from error
 
 
 def _variant(folder: Path, available: str) -> str:

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InputError, StorageError
+from ...errors import InputError
+from ...files import writing
 from ...method import Progress, silent
 from ...scene import Camera, Directional, Environment, Frame, Group, Light, Observation, Point
 from ..exr import rgb, write_exr
@@ -118,30 +119,33 @@ def write_template(
         raise InputError(f"{folder} exists and is not empty; name a new folder")
     part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     try:
-        part.mkdir(parents=True)
-        tables = _Tables(part)
-        rows = {name: [tables.row(f) for f in frames] for name, frames in (("train", train), ("enrol", enrol))}
-        shown = {frame.key: frame for frame in (*train, *enrol)} if observe else {}
-        for i, frame in enumerate(shown.values()):
-            _write_image(picture_path(part / ASKED / "images", frame.key), observe, frame)  # type: ignore[arg-type]
-            progress(i + 1, len(shown))
-        queries = {
-            "conventions": _CONVENTIONS,
-            **{key: value for key, value in asked.manifest.content().items() if key.endswith(("protocol", "digest"))},
-            "images": f"{ASKED}/images" if observe else None,
-            "queries": [tables.row(frame) for frame in scored],
-            **rows,
-            "cameras": tables.cameras,
-            "lights": tables.lights,
-            "poses": tables.poses,
-        }
-        _write_json(part / ASKED / "queries.json", queries)
-        _write_json(part / MANIFEST, asked.manifest.content())
-        if folder.exists():
-            folder.rmdir()
-        part.rename(folder)
-    except OSError as error:
-        raise StorageError(f"{folder} cannot be written ({error}); free some space or name another folder") from error
+        with writing(folder, "name another folder"):
+            part.mkdir(parents=True)
+            tables = _Tables(part)
+            rows = {name: [tables.row(f) for f in frames] for name, frames in (("train", train), ("enrol", enrol))}
+            shown = {frame.key: frame for frame in (*train, *enrol)} if observe else {}
+            for i, frame in enumerate(shown.values()):
+                _write_image(picture_path(part / ASKED / "images", frame.key), observe, frame)  # type: ignore[arg-type]
+                progress(i + 1, len(shown))
+            queries = {
+                "conventions": _CONVENTIONS,
+                **{
+                    key: value
+                    for key, value in asked.manifest.content().items()
+                    if key.endswith(("protocol", "digest"))
+                },
+                "images": f"{ASKED}/images" if observe else None,
+                "queries": [tables.row(frame) for frame in scored],
+                **rows,
+                "cameras": tables.cameras,
+                "lights": tables.lights,
+                "poses": tables.poses,
+            }
+            _write_json(part / ASKED / "queries.json", queries)
+            _write_json(part / MANIFEST, asked.manifest.content())
+            if folder.exists():
+                folder.rmdir()
+            part.rename(folder)
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
