@@ -39,7 +39,7 @@ def webp(image: Array, side: int = EMBEDDED) -> str:
     picture = Image.fromarray(np.round(image * 255).astype(np.uint8))
     picture.thumbnail((side, side), Image.Resampling.LANCZOS)
     out = io.BytesIO()
-    picture.save(out, "WEBP", quality=98, method=2)
+    picture.save(out, "WEBP", quality=98, method=0)  # slower methods save 5 % of the bytes
     return base64.b64encode(out.getvalue()).decode()
 
 
