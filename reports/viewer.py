@@ -7,6 +7,7 @@ show, each column gives the same number of frames, spread evenly over its own or
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,13 +54,17 @@ def viewer(run: Run, table: Table) -> Viewer | None:
     if first is None or not methods:
         return None
     chosen = _spread(columns, per_column(first[0].shape[:2], 1 + len(methods), len(columns)))
-    frames = []
-    for query in (query for query in scored if query in chosen):
+
+    def frame(query: str) -> dict[str, Any] | None:
         pair = truth(query)
-        if pair is not None:
-            of_query = [given[info["name"]].get(query) for info in methods]
-            asking = [name for name, queries in columns.items() if query in queries]
-            frames.append(_frame(run, query, *pair, of_query, asking))
+        if pair is None:
+            return None
+        of_query = [given[info["name"]].get(query) for info in methods]
+        return _frame(run, query, *pair, of_query, [name for name, queries in columns.items() if query in queries])
+
+    with ThreadPoolExecutor() as pool:  # pictures are decoded and coded outside of Python
+        drawn = pool.map(frame, (query for query in scored if query in chosen))
+        frames = [found for found in drawn if found is not None]
     better = 1.0 if table.columns[0].metric.higher_is_better else -1.0
     leading = {row.name: better * (row.cells[0].value or 0.0) for row in table.rows if row.cells[0].rank == 1}
     best = max(leading, key=lambda name: leading[name], default=methods[-1]["name"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from statistics import median
@@ -200,9 +201,7 @@ def _relight(
         start = time.perf_counter()
         scores |= _score(bench, drawn)
         times["score_s"] += time.perf_counter() - start
-        for frame, prediction in drawn:
-            if np.isfinite(prediction.image).all() and np.isfinite(prediction.alpha).all():
-                kept = bench.store.write_prediction(cell.key, frame.key, prediction)
+        kept = _keep(bench.store, cell.key, drawn) or kept
     times |= {"first_ms": _spread(first), "relight_ms": _spread(again)}
     times["relight_s"] += (sum(first) + sum(again)) / 1e3
     flat = [{**score, "column": column} for column, frame in scored for score in scores[frame.key]]
@@ -210,6 +209,18 @@ def _relight(
     if asked.info.truth or not drawable:
         return found, dict
     return found, partial(measured, asked.avatar, drawable, queries[-1])
+
+
+def _keep(store: Store, key: str, drawn: Iterable[tuple[Frame, Prediction]]) -> str | None:
+    """Keep the finite predictions; their folder, or None if there are none. Files are packed outside of Python."""
+
+    def write(frame: Frame, prediction: Prediction) -> str | None:
+        finite = np.isfinite(prediction.image).all() and np.isfinite(prediction.alpha).all()
+        return store.write_prediction(key, frame.key, prediction) if finite else None
+
+    with ThreadPoolExecutor() as pool:
+        folders = list(pool.map(write, *zip(*drawn, strict=True)))
+    return next(filter(None, folders), None)
 
 
 def _own_meshes(frames: list[Frame]) -> list[Query]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -60,17 +61,24 @@ def read_exr(path: Path) -> dict[str, Array]:
     return channels
 
 
+_SILENCE = threading.Lock()
+
+
 @contextmanager
 def quiet_stderr() -> Iterator[None]:
-    """Silence file descriptor 2: the C library prints a line for every damaged chunk, our error is enough."""
-    saved, sink = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(sink, 2)
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(sink)
+    """Silence file descriptor 2: the C library prints a line for every damaged chunk, our error is enough.
+
+    The descriptor is the process's, so threads come one by one.
+    """
+    with _SILENCE:
+        saved, sink = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(sink, 2)
+            yield
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
+            os.close(sink)
 
 
 def rgb(image: Array, prefix: str = "", dtype: type = np.float16) -> dict[str, Array]:

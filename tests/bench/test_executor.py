@@ -378,9 +378,12 @@ def test_without_ray_one_sentence_says_what_to_install(monkeypatch, capsys, tmp_
 
 
 @pytest.fixture
-def job(toys: Path, toy_protocol: Callable[..., Protocol], tmp_path: Path) -> Iterator[Job]:
+def job(
+    toys: Path, toy_protocol: Callable[..., Protocol], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Job]:
     from clusterfakes import METHODS
 
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # which a task sets for good: its process is a node's
     cluster._site.cache_clear()
     yield Job(toy_protocol(), ("toy",), None, None, tmp_path / "run", None, ("handbench",), (METHODS["toy"],))
     cluster._site.cache_clear()
@@ -398,7 +401,6 @@ def test_a_node_with_other_software_is_told(job, monkeypatch):
 
     outcome = run(job.protocol, out=job.folder, extra=job.extra)
     key = Store(outcome.folder).run()["cells"][0]
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
     monkeypatch.setattr("torch.set_num_threads", lambda count: None)
     assert cluster._task(job, "cpu", 1, None, [key]) == [key]
     cluster._site.cache_clear()
