@@ -383,7 +383,9 @@ def job(
 ) -> Iterator[Job]:
     from clusterfakes import METHODS
 
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # which a task sets for good: its process is a node's
+    # a task sets both for good, its process is a node's; torch is loaded first, which reads the environment then
+    monkeypatch.setattr("torch.set_num_threads", lambda count: None)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
     cluster._site.cache_clear()
     yield Job(toy_protocol(), ("toy",), None, None, tmp_path / "run", None, ("handbench",), (METHODS["toy"],))
     cluster._site.cache_clear()
@@ -401,7 +403,6 @@ def test_a_node_with_other_software_is_told(job, monkeypatch):
 
     outcome = run(job.protocol, out=job.folder, extra=job.extra)
     key = Store(outcome.folder).run()["cells"][0]
-    monkeypatch.setattr("torch.set_num_threads", lambda count: None)
     assert cluster._task(job, "cpu", 1, None, [key]) == [key]
     cluster._site.cache_clear()
     monkeypatch.setattr(plan, "__version__", "99.0")
