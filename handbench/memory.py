@@ -1,11 +1,20 @@
-"""How the process keeps memory."""
+"""The machine's memory, and how the process keeps its own."""
 
 from __future__ import annotations
 
 import ctypes
+import os
 import sys
 
 _MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1  # of mallopt(3)
+
+
+def physical_memory() -> int | None:
+    """Bytes of the machine, or None where it does not say."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return None
 
 
 def keep_freed_memory() -> None:

@@ -17,6 +17,7 @@ from typing import Any
 
 from .. import __version__
 from ..device import device_name
+from ..memory import physical_memory
 
 
 def provenance(command: list[str], targets: Iterable[str] = ()) -> dict[str, Any]:
@@ -79,7 +80,7 @@ def packages() -> dict[str, str]:
 def device() -> dict[str, Any]:
     """The machine, for telling which times may be compared. GPUs are named only when torch is already in use."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    torch = sys.modules.get("torch")
+    torch, memory = sys.modules.get("torch"), physical_memory()
     gpus = []
     if torch is not None and torch.cuda.is_available():
         gpus = [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())]
@@ -89,7 +90,7 @@ def device() -> dict[str, Any]:
         "threads": torch.get_num_threads()
         if torch is not None
         else int(os.environ.get("OMP_NUM_THREADS") or cores or 1),
-        "memory_gb": _memory_gb(),
+        "memory_gb": None if memory is None else round(memory / 2**30, 1),
         "gpus": gpus,
         "networks": device_name(),
     }
@@ -102,10 +103,3 @@ def _cpu_model() -> str:
         text = ""
     found = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
     return found[1].strip() if found else platform.processor() or platform.machine()
-
-
-def _memory_gb() -> float | None:
-    try:
-        return round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1)
-    except (AttributeError, ValueError, OSError):
-        return None

@@ -12,12 +12,13 @@ from zipfile import BadZipFile
 import numpy as np
 
 from ...errors import InputError
+from ...memory import physical_memory
 from ...scene import Array, Camera, Directional, Environment, Frame, Group, Light, Mesh, Observation, Pose, Topology
 from ..capture import Capture
 from ..exr import read_exr, stack
 from .presets import SCHEMA
 
-_CACHE_BYTES = 450e6  # single-light images kept in memory as half floats, 295 kB each at `quick`
+_CACHE_SHARE = 1 / 16  # of the machine's memory, for single-light images as half floats: 295 kB each at `quick`
 
 
 class OpenStage(Capture):
@@ -39,7 +40,8 @@ class OpenStage(Capture):
         except (KeyError, TypeError) as error:
             raise InputError(f"{path} is damaged ({error} is missing or wrong); make the capture again") from error
         camera = self._frames[0].camera
-        self._read = lru_cache(max(1, int(_CACHE_BYTES / (6 * camera.height * camera.width))))(self._read_image)
+        kept = int(_CACHE_SHARE * (physical_memory() or 8e9) / (6 * camera.height * camera.width))
+        self._read = lru_cache(max(1, kept))(self._read_image)
         self._geometry = lru_cache(256)(self._read_geometry)
 
     def frames(self) -> tuple[Frame, ...]:
