@@ -64,7 +64,7 @@ def _check_page(arguments: argparse.Namespace) -> None:
 
     if len(arguments.run) > 1 or arguments.baseline:
         raise InputError(
-            f"{arguments.format} shows one run without a baseline; tables take several runs and --baseline"
+            f"--format {arguments.format} shows one run without a baseline; tables take several runs and --baseline"
         )
 
 

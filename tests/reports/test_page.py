@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from handbench.cli import main
 from handbench.errors import StorageError
 from handbench.reports import table, write_reports
 from handbench.reports.figures import Panel, Tile, chosen, detail, panels
@@ -186,6 +187,14 @@ def test_figures_are_made_when_asked_for_and_then_kept_up_to_date(
     assert write_reports(small_run).keys() == asked.keys()
     assert plot.read_bytes() != stale
     assert {path.name for path in grid.parent.iterdir()} - {path.name for path in asked.values()} == {"notes.txt"}
+
+
+def test_the_command_line_writes_them(small_run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", str(small_run), "--format", "figures"]) == 0
+    folder = Path(capsys.readouterr().out.strip())
+    assert {path.suffix for path in folder.iterdir()} == {".png", ".pdf"}
+    assert main(["report", str(small_run), str(small_run), "--format", "figures"]) == 2
+    assert capsys.readouterr().err.startswith("handbench: --format figures shows one run without a baseline")
 
 
 def test_a_report_is_made_anew_when_a_cell_changes_or_a_file_is_lost(
