@@ -42,6 +42,7 @@ class OpenStage(Capture):
         camera = self._frames[0].camera
         kept = int(_CACHE_SHARE * (physical_memory() or 8e9) / (6 * camera.height * camera.width))
         self._read = lru_cache(max(1, kept))(self._read_image)
+        self._full = lru_cache(256)(self._sum)  # sums of all lights, which every method's mean textures are made from
         self._geometry = lru_cache(256)(self._read_geometry)
 
     def frames(self) -> tuple[Frame, ...]:
@@ -50,14 +51,21 @@ class OpenStage(Capture):
     def observe(self, frame: Frame) -> Observation:
         camera = frame.camera
         folder = f"{frame.subject}/{frame.pose_name}/{camera.name}"
-        if frame.lighting in self._weights:
-            weights = self._weights[frame.lighting]
-            image = np.zeros((camera.height, camera.width, 3), np.float32)
-            for i in np.flatnonzero(weights):
-                image += np.float32(weights[i]) * self._read(f"{folder}/olat-{i:02d}.exr", camera.height, camera.width)
+        if frame.kind == "full":
+            image = self._full(folder, frame.lighting, camera.height, camera.width)
+        elif frame.lighting in self._weights:
+            image = self._sum(folder, frame.lighting, camera.height, camera.width)
         else:
             image = self._read(f"{folder}/{frame.lighting}.exr", camera.height, camera.width).astype(np.float32)
         return Observation(image, *self._geometry(f"{folder}/geometry.exr", camera.height, camera.width))
+
+    def _sum(self, folder: str, lighting: str, height: int, width: int) -> Array:
+        weights = self._weights[lighting]
+        image = np.zeros((height, width, 3), np.float32)
+        for i in np.flatnonzero(weights):
+            image += np.float32(weights[i]) * self._read(f"{folder}/olat-{i:02d}.exr", height, width)
+        image.flags.writeable = False  # the fully lit ones are shared
+        return image
 
     def _read_image(self, name: str, height: int, width: int) -> Array:
         path = self.folder / name
