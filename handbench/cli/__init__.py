@@ -20,7 +20,7 @@ _MODULES = ("run", "report", "gate", "catalogue", "data", "studies", "score", "a
 
 def main(argv: list[str] | None = None) -> int:
     """Run a command and return its exit code: 0 done, 1 a method crashed or broke a law, 2 bad input, 130 stopped."""
-    gc.set_threshold(100_000, 50, 100)  # by default half a second is spent on looking through torch while it loads
+    gc.set_threshold(100_000, 50, 100)  # by default 0.3 s are spent on looking through torch while it loads
     arguments = _parser().parse_args(argv)
     verb: Callable[[argparse.Namespace], int] = arguments.verb
     try:
