@@ -26,11 +26,12 @@ FIGURES = "figures"
 _REMEDY = "make it writable, or copy the run to a folder of yours and report that"
 
 
-def write_reports(run_folder: Path, figures: bool = False) -> dict[str, Path]:
+def write_reports(run_folder: Path, figures: bool = False, table: Table | None = None) -> dict[str, Path]:
     """Write `report/` in the run folder: index.html, table.tex, table.csv, table.md.
 
     A run with published orders of methods has agreement.json, with every pair of methods, as well. With `figures`
     there are figures/*.png and *.pdf for papers too; a report that once had them keeps them up to date.
+    `table` is the table of this run, if it has been made already.
 
     Returns the files by their path inside `report/`. When the run has not changed since the last call,
     nothing is computed. A file is replaced whole or not at all. Raises `InputError` for a folder without
@@ -41,14 +42,14 @@ def write_reports(run_folder: Path, figures: bool = False) -> dict[str, Path]:
     asked = figures or (folder / FIGURES).is_dir()
     written = _written(folder, digest, asked)
     if written is None:
-        contents = _contents(run_folder, asked)
+        contents = _contents(run_folder, asked, table)
         written = sorted(contents)
         with writing(folder, _REMEDY):
             _write(folder, contents, digest)
     return {name: folder / name for name in written}
 
 
-def _contents(run_folder: Path, figures: bool) -> dict[str, bytes]:
+def _contents(run_folder: Path, figures: bool, table: Table | None) -> dict[str, bytes]:
     from .curves import loss_figures  # imports matplotlib, which a cached report does without
     from .figures import panels
     from .page import Shown, render_page
@@ -56,7 +57,7 @@ def _contents(run_folder: Path, figures: bool) -> dict[str, bytes]:
     from .viewer import viewer
 
     run = read_run(run_folder)
-    table = build(run)
+    table = table or build(run)
     shown = Shown(tuple(panels(run)), tuple(loss_figures(run)), plots(table), viewer(run, table))
     texts = {
         "index.html": render_page(table, run, shown),

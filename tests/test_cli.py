@@ -6,7 +6,9 @@ import json
 import subprocess
 import sys
 from importlib import metadata
+from pathlib import Path
 from types import SimpleNamespace
+from typing import IO
 
 import pytest
 
@@ -31,6 +33,39 @@ def test_help_imports_nothing_heavy():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "usage: handbench" in done.stdout
+
+
+def test_a_command_ends_at_once_with_its_code_and_all_it_printed():
+    code = (
+        "import atexit, sys, handbench.cli as cli\n"
+        "class Slow:\n    def __del__(self): print('taken apart')\n"
+        "slow = Slow()\n"
+        "atexit.register(print, 'asked for')\n"
+        "cli.main = lambda: print('done') or 3\n"
+        "cli.command()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (3, "done\nasked for\n")
+
+
+def _listed(into: IO[bytes]) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "handbench.cli", "list"]
+    return subprocess.run(command, stdout=into, stderr=subprocess.PIPE, text=True, check=False)
+
+
+def test_a_reader_that_leaves_is_no_error():
+    reader = subprocess.Popen(["true"], stdin=subprocess.PIPE)
+    assert reader.wait() == 0 and reader.stdin is not None
+    done = _listed(reader.stdin)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a disk that is always full")
+def test_a_full_disk_behind_the_output_is_one_sentence():
+    with Path("/dev/full").open("wb") as full:
+        done = _listed(full)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 and "full" in done.stderr
 
 
 def test_list_does_not_load_what_it_lists(capsys):
@@ -94,7 +129,7 @@ def test_run_writes_the_report_and_says_where(monkeypatch, capsys, tmp_path, cra
         return Outcome(tmp_path, 3, 2, crashed)
 
     monkeypatch.setattr(run, "run", fake)
-    monkeypatch.setattr(handbench.reports, "write_reports", lambda folder: {"index.html": folder / "index.html"})
+    monkeypatch.setattr(handbench.reports, "write_reports", lambda folder, table: {"index.html": folder / "index.html"})
     monkeypatch.setattr(handbench.reports, "table", lambda folder: "the table")
     monkeypatch.setattr(handbench.reports, "render_terminal", lambda table: table)
     assert main(["run", "smoke", "--methods", "mean, phong", "--seeds", "0,2", "--out", str(tmp_path)]) == code

@@ -6,16 +6,32 @@ Each module of `_MODULES` adds its verbs with `add(verbs)`.
 from __future__ import annotations
 
 import argparse
+import atexit
+import errno
 import gc
 import importlib
 import os
 import sys
 from collections.abc import Callable
+from typing import NoReturn
 
 from .. import __version__
 from ..errors import HandbenchError
 
 _MODULES = ("run", "report", "gate", "catalogue", "data", "studies", "score", "audit", "metrics")
+
+
+def command() -> NoReturn:
+    """The process `handbench`: `main`, after which it ends at once.
+
+    Whatever registered itself for the end is called, but the interpreter does not take torch, jax and mitsuba apart
+    object by object, which was a second of each run.
+    """
+    code = main()
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+    os._exit(code)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -24,7 +40,9 @@ def main(argv: list[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     verb: Callable[[argparse.Namespace], int] = arguments.verb
     try:
-        return verb(arguments)
+        code = verb(arguments)
+        sys.stdout.flush()  # here, where a reader that has left is known
+        return code
     except HandbenchError as error:
         if os.environ.get("HANDBENCH_DEBUG"):
             raise
@@ -33,9 +51,14 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("handbench: stopped; what was finished is kept, the same command goes on from there", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reader of a pipe has seen enough
+    except OSError as error:  # of printing; files of ours have errors of their own
+        if error.errno not in (errno.EPIPE, errno.ENOSPC):
+            raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        if error.errno == errno.EPIPE:  # the reader of a pipe has seen enough
+            return 0
+        print("handbench: the disk that the output goes to is full; what is printed there is cut off", file=sys.stderr)
+        return 2
 
 
 def _parser() -> argparse.ArgumentParser:

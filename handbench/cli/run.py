@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
 from pathlib import Path
 from typing import Any
 
-from .shared import names, numbers, show
+from .shared import names, numbers, report
 
 
 def add(verbs: Any) -> None:
@@ -55,16 +54,14 @@ def _run(arguments: argparse.Namespace) -> int:
     with on_device(arguments.device):
         outcome = run(protocol, *chosen, command, shard=shard, executor=arguments.executor, cpus=arguments.cpus)
     if not outcome.missing:
-        reports = importlib.import_module("handbench.reports")
-        files = reports.write_reports(outcome.folder)
-        show(reports.render_terminal(reports.table(outcome.folder)))
+        page = report(outcome.folder)
     part = "" if shard is None else f"shard {shard}: "
     print(f"{part}{outcome.computed} cells computed, {outcome.reused} reused; run folder: {outcome.folder}")
     if outcome.missing:
         print(f"not there yet, of other shards: {len(outcome.missing)} cells, {_some(outcome.missing)}")
         print("the report is written by the shard that finishes last, or by the same command without --shard")
     else:
-        print(f"report: {files['index.html']}")
+        print(f"report: {page}")
     for crash in outcome.crashed:
         print(f"handbench: {crash}", file=sys.stderr)
     return 1 if outcome.crashed else 0

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from .shared import show
+from .shared import report
 
 
 def add(verbs: Any) -> None:
@@ -47,11 +46,9 @@ def _score(arguments: argparse.Namespace) -> int:
     except Unfit as error:
         print("\n".join(error.lines), file=sys.stderr)
         raise
-    reports = importlib.import_module("handbench.reports")
-    files = reports.write_reports(outcome.folder)
-    show(reports.render_terminal(reports.table(outcome.folder)))
+    page = report(outcome.folder)
     print(f"run folder: {outcome.folder}")
-    print(f"report: {files['index.html']}")
+    print(f"report: {page}")
     for crash in outcome.crashed:
         print(f"handbench: {crash}", file=sys.stderr)
     return 1 if outcome.crashed else 0

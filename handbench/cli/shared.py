@@ -1,8 +1,10 @@
-"""What several verbs need: printing, lists of names and numbers."""
+"""What several verbs need: printing, the report of a finished run, lists of names and numbers."""
 
 from __future__ import annotations
 
 import argparse
+import importlib
+from pathlib import Path
 from typing import Any
 
 
@@ -10,6 +12,15 @@ def show(renderable: Any) -> None:
     from rich.console import Console
 
     Console().print(renderable)
+
+
+def report(folder: Path) -> Path:
+    """Print the table of a run, write its reports and return its page."""
+    reports = importlib.import_module("handbench.reports")
+    table = reports.table(folder)
+    show(reports.render_terminal(table))
+    page: Path = reports.write_reports(folder, table=table)["index.html"]
+    return page
 
 
 def names(text: str) -> tuple[str, ...]:

@@ -212,7 +212,7 @@ def test_a_shard_says_what_is_not_there_yet_and_the_last_one_writes_the_report(
 ):
     import handbench.reports
 
-    monkeypatch.setattr(handbench.reports, "write_reports", lambda folder: {"index.html": folder / "page.html"})
+    monkeypatch.setattr(handbench.reports, "write_reports", lambda folder, table: {"index.html": folder / "page.html"})
     monkeypatch.setattr(handbench.reports, "table", lambda folder: "the table")
     monkeypatch.setattr(handbench.reports, "render_terminal", lambda table: table)
     path = tmp_path / "toy.toml"
