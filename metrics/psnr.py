@@ -18,7 +18,8 @@ CAP = 100.0
 
 def psnr(view: View) -> float:
     """PSNR in dB, peak 1, at most `CAP`."""
-    error = float(np.mean((view.prediction - view.truth)[view.support] ** 2))
+    difference = (view.prediction - view.truth)[view.support]
+    error = float(np.mean(np.square(difference, out=difference)))
     return CAP if error <= 10 ** (-CAP / 10) else -10.0 * math.log10(error)
 
 

@@ -134,12 +134,11 @@ def look(pair: Pair, options: Mapping[str, str], context: int = 0, least: int = 
 def srgb(linear: NDArray[Any]) -> NDArray[Any]:
     """Linear Rec. 709 values, any shape, clipped to [0, 1] and encoded for display (IEC 61966-2-1)."""
     x = np.clip(linear, 0.0, 1.0)
-    dark = x <= 0.0031308
-    shown = np.maximum(x, 0.0031308)  # in place from here on: large arrays are slow to come by
-    np.power(shown, 1 / 2.4, out=shown)
-    shown *= 1.055
-    shown -= 0.055
-    np.multiply(x, 12.92, out=shown, where=dark)
+    bright = x > 0.0031308
+    shown = 12.92 * x
+    np.power(x, 1 / 2.4, out=shown, where=bright)
+    np.multiply(shown, 1.055, out=shown, where=bright)
+    np.subtract(shown, 0.055, out=shown, where=bright)
     return shown
 
 
