@@ -21,6 +21,11 @@ class Keep(nn.Conv2d):
     def __init__(self, inputs: int, outputs: int, bias: bool = True) -> None:
         super().__init__(inputs, outputs, 3, padding=1, bias=bias)
 
+    def forward(self, x: Tensor) -> Tensor:
+        if x.shape[-2:] == (1, 1):  # the kernel's centre does it all; oneDNN's gradient of this varies from run to run
+            return nn.functional.linear(x[:, :, 0, 0], self.weight[:, :, 1, 1], self.bias)[:, :, None, None]
+        return super().forward(x)
+
 
 class Up(nn.Module):
     """Doubles the side of a map: a transposed convolution, then bilinear interpolation (URHand supp. Sec. 4.2).
