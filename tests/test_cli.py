@@ -65,7 +65,7 @@ def test_a_full_disk_behind_the_output_is_one_sentence():
     with Path("/dev/full").open("wb") as full:
         done = _listed(full)
     assert done.returncode == 2
-    assert done.stderr.count("\n") == 1 and "full" in done.stderr
+    assert done.stderr.count("\n") == 1 and "a disk is full" in done.stderr
 
 
 def test_list_does_not_load_what_it_lists(capsys):

@@ -51,13 +51,13 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("handbench: stopped; what was finished is kept, the same command goes on from there", file=sys.stderr)
         return 130
-    except OSError as error:  # of printing; files of ours have errors of their own
+    except OSError as error:  # mostly of printing: files of ours have errors of their own
         if error.errno not in (errno.EPIPE, errno.ENOSPC):
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if error.errno == errno.EPIPE:  # the reader of a pipe has seen enough
             return 0
-        print("handbench: the disk that the output goes to is full; what is printed there is cut off", file=sys.stderr)
+        print("handbench: a disk is full, the output is cut off; make room and try again", file=sys.stderr)
         return 2
 
 
