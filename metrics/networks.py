@@ -88,10 +88,11 @@ def features(
         if stage.pool != (1, 1):
             x = pool(x, *stage.pool)
         for stride, padding in stage.convolutions:
-            if _worth_winograd(x, named[f"conv{index}.weight"], stride):
-                x = winograd.convolve(x, _transformed(network, index), named[f"conv{index}.bias"]).relu_()
+            weight, bias = named[f"conv{index}.weight"], named[f"conv{index}.bias"]
+            if _worth_winograd(x, weight, stride):
+                x = winograd.convolve(x, _transformed(network, index), bias).relu_()
             else:
-                x = conv2d(x, named[f"conv{index}.weight"], named[f"conv{index}.bias"], stride, padding).relu_()
+                x = conv2d(x, weight, bias, stride, padding).relu_()
             index += 1
         taps.append(x)
     return taps

@@ -68,6 +68,15 @@ def test_a_full_disk_behind_the_output_is_one_sentence():
     assert done.stderr.count("\n") == 1 and "a disk is full" in done.stderr
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a disk that is always full")
+def test_an_error_keeps_its_code_when_the_output_cannot_be_written_either(monkeypatch):
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)  # so that the end finds something to write
+    code = "import handbench.cli as cli\ncli.main = lambda: print('so far') or 2\ncli.command()\n"
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run([sys.executable, "-c", code], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, "")
+
+
 def test_list_does_not_load_what_it_lists(capsys):
     assert main(["list"]) == 0
     out = capsys.readouterr().out
