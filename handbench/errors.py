@@ -2,6 +2,7 @@
 
 HandbenchError          anything the command line reports without a traceback (exit code 2)
 ├── InputError          what the user gave cannot be used
+│   └── Absent              a file that is to be read is not there
 ├── Unsupported         a method cannot do what a protocol asks (shown in the table with its reason)
 ├── NonFinite           a computation produced NaN or infinity
 └── StorageError        the disk is full, or a folder cannot be written
@@ -21,6 +22,10 @@ class HandbenchError(Exception):
 
 class InputError(HandbenchError, ValueError):
     """The user's input cannot be used; the text names it and says how to mend it."""
+
+
+class Absent(InputError):
+    """A file that is to be read is not there."""
 
 
 class Unsupported(HandbenchError):

@@ -54,7 +54,7 @@ def test_a_full_disk_is_one_sentence_and_keeps_what_was_there(fakes, toy_protoco
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(StorageError, match=r"the disk is full, .* what is done is kept"):
+    with pytest.raises(StorageError, match=r"the disk is full, .*; free some space"):
         run(protocol, seeds=[1], out=tmp_path)
     assert {path: path.read_bytes() for path in tmp_path.rglob("*.json")} == before
     assert not leftovers(tmp_path)
