@@ -11,7 +11,8 @@ fscore                      F-score of Knapitsch et al., "Tanks and Temples", 20
 mesh-normal                 mean angle between the normals at points and at the nearest points, mean of both ways: the
                             normal consistency of Mescheder et al., "Occupancy Networks", 2019, as an angle and with
                             its sign, so that a surface inside out is 180 degrees off. Normals are smooth: the nearest
-                            point is often on an edge, where a face's own would be a matter of chance
+                            point is often on an edge, where a face's own would be a matter of chance. Vertices at one
+                            place share one normal, so that seams and other cuts of a file's vertices count for nothing
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from handbench.errors import InputError, Unsupported
 from handbench.render.surface import vertex_normals
@@ -34,6 +38,7 @@ from .angles import angles
 POINTS, SEED = 20_000, 0
 _MM = 1000.0
 _FAR = 1e6
+_WELD = 1e-6  # of the greatest side of a mesh: what single precision may part
 
 
 class Surface:
@@ -62,7 +67,8 @@ class Surface:
 
     @cached_property
     def _normals(self) -> Array:
-        return vertex_normals(self.vertices, self.faces)
+        place = welded(self.vertices)
+        return vertex_normals(self.vertices, place[self.faces])[place]
 
     @cached_property
     def corners(self) -> Array:
@@ -95,6 +101,18 @@ class Surface:
         scene, tensor, middle = o3d.t.geometry.RaycastingScene(), o3d.core.Tensor.from_numpy, self.corners.mean(axis=0)
         scene.add_triangles(tensor((self.vertices - middle).astype(np.float32)), tensor(self.faces.astype(np.uint32)))
         return scene, tensor, middle
+
+
+def welded(vertices: Array) -> Array:
+    """For each of vertices (V, 3) the first one at the same place, (V,): within a millionth of their greatest extent.
+
+    Meshes in files are cut where their texture is, or have corners of their own for each face.
+    """
+    near = cKDTree(vertices).query_pairs(_WELD * float(np.ptp(vertices, axis=0).max()), output_type="ndarray")
+    count = len(vertices)
+    links = coo_array((np.ones(len(near), np.int8), (near[:, 0], near[:, 1])), (count, count))
+    _, group = connected_components(links, directed=False)
+    return np.unique(group, return_index=True)[1][group]
 
 
 @lru_cache(maxsize=4)
@@ -224,4 +242,6 @@ FSCORE = _family(
     perfect=1.0,
     choices={"threshold": ("2mm", "1mm", "5mm")},
 )
-NORMAL = _family("mesh-normal", "Mesh normals", _normal, "from:both", "normals:smooth", unit="deg")
+NORMAL = _family(
+    "mesh-normal", "Mesh normals", _normal, "from:both", "normals:smooth", "welded:by-place", unit="deg", version=2
+)

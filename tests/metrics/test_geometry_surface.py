@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -212,6 +213,77 @@ def test_more_points_change_little() -> None:
     assert np.percentile(few, 95) == pytest.approx(np.percentile(many, 95), rel=5e-3)
 
 
+def seeds_apart(prediction: Mesh, truth: Mesh) -> float:
+    """How far the mean distance of the truth's points differs between ten seeds, as a share of it."""
+    means = [surface_distances(prediction, points_of(truth, POINTS, seed)).mean() for seed in range(10)]
+    return float(np.ptp(means) / np.mean(means))
+
+
+def test_another_seed_changes_a_mean_as_much_as_the_documentation_says() -> None:
+    prediction, truth = hands()
+    rough = Mesh(truth.vertices + np.random.default_rng(0).normal(0, 3e-4, truth.vertices.shape), truth.topology)
+    vertices = truth.vertices.copy()
+    tip = vertices[np.argmax(vertices[:, 1])]
+    vertices[np.linalg.norm(vertices - tip, axis=1) < 0.01] += np.array([0.0, 0.005, 0.0])
+    assert seeds_apart(prediction, truth) < 0.01
+    assert 0.002 < seeds_apart(rough, truth) < 0.02
+    assert 0.05 < seeds_apart(Mesh(vertices, truth.topology), truth) < 0.25
+
+
+# -- seams ------------------------------------------------------------------------------------------------------
+
+
+def cut_at_texture_seams(one: Mesh) -> Mesh:
+    """As OBJ files are loaded: one vertex for each pair of a position and a texture coordinate."""
+    faces, uv = one.topology.faces, one.topology.uv_faces
+    pairs, index = np.unique(np.stack([faces.ravel(), uv.ravel()], axis=1), axis=0, return_inverse=True)
+    assert len(pairs) > len(one.vertices) + 50
+    return mesh(one.vertices[pairs[:, 0]], index.reshape(faces.shape))
+
+
+def unwelded(one: Mesh) -> Mesh:
+    """As STL files are: every face with corners of its own."""
+    return mesh(one.vertices[one.topology.faces].reshape(-1, 3), np.arange(one.topology.faces.size).reshape(-1, 3))
+
+
+def twice(one: Mesh) -> Mesh:
+    """All vertices a second time, used by every second face."""
+    faces = one.topology.faces.copy()
+    faces[::2] += len(one.vertices)
+    return mesh(np.concatenate([one.vertices, one.vertices]), faces)
+
+
+def rounded(one: Mesh) -> Mesh:
+    """Corners of one place, each off by what single precision may lose."""
+    apart = unwelded(one)
+    off = np.random.default_rng(5).uniform(-2e-8, 2e-8, apart.vertices.shape)
+    return Mesh(apart.vertices + off, apart.topology)
+
+
+@pytest.mark.parametrize("cut", [cut_at_texture_seams, unwelded, twice, rounded])
+def test_how_a_file_shares_vertices_is_no_error_of_normals(cut: Callable[[Mesh], Mesh]) -> None:
+    prediction, truth = hands()
+    assert score("mesh-normal", cut(truth), truth) == pytest.approx(0.0, abs=0.02)
+    assert score("mesh-normal", cut(prediction), truth) == pytest.approx(score("mesh-normal", prediction, truth), 1e-4)
+    assert score("mesh-normal", prediction, cut(truth)) == pytest.approx(score("mesh-normal", prediction, truth), 1e-4)
+
+
+def test_noise_is_an_error_of_normals_however_vertices_are_shared() -> None:
+    truth = hands()[1]
+    rough = Mesh(truth.vertices + np.random.default_rng(0).normal(0, 5e-4, truth.vertices.shape), truth.topology)
+    found = score("mesh-normal", rough, truth)
+    assert 3.0 < found < 4.5
+    assert score("mesh-normal", unwelded(rough), truth) == pytest.approx(found, rel=1e-4)
+
+
+def test_surfaces_that_are_near_are_not_welded() -> None:
+    """Two sheets 0.1 mm apart that face away from each other keep their normals."""
+    up, below = plane(), moved(plane(), Rotation.identity(), np.array([0.0, 0.0, -1e-4]))
+    faces, count = up.topology.faces, len(up.vertices)
+    slab = mesh(np.concatenate([up.vertices, below.vertices]), np.concatenate([faces, faces[:, ::-1] + count]))
+    assert score("mesh-normal", Mesh(slab.vertices, slab.topology), slab) < 0.1
+
+
 # -- laws -------------------------------------------------------------------------------------------------------
 
 
@@ -244,6 +316,7 @@ def test_what_looks_both_ways_is_symmetric(spec: str) -> None:
 def test_signatures_say_what_decides_the_value() -> None:
     assert metric("chamfer").signature == "chamfer|align:none|from:both|power:1|of-both:mean|points:20000|seed:0|v1"
     assert metric("fscore:threshold=5mm").signature.startswith("fscore|threshold:5mm|align:none|from:both|")
+    assert metric("mesh-normal").signature.endswith("|normals:smooth|welded:by-place|points:20000|seed:0|v2")
     assert metric("surface-mean").signature != metric("surface-p95").signature
     assert metric("hausdorff").latex == r"Hausdorff$\downarrow$" and metric("fscore").latex == r"F-score$\uparrow$"
     assert (metric("chamfer").unit, metric("mesh-normal").unit, metric("fscore").unit) == ("mm", "deg", "")
