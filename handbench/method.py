@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from .scene import Frame, Observation, Prediction, Query
+from .errors import InputError
+from .scene import LIGHT_KINDS, Frame, FrameKind, LightKind, Observation, Prediction, Query
 
 
 class Progress(Protocol):
@@ -40,7 +41,7 @@ class MethodInfo:
     universal   one prior serves every subject (False: `train` only prepares, the work is in `personalise`)
     linear      the method obeys the linear law
     truth       the enrolment must hold the scored frames themselves: a calibration row, not a method
-    lights      the kinds of light it can draw: of "directional", "point", "environment"
+    lights      the kinds of light it can draw: of "directional", "point", "environment", "unknown"
     fidelity    how a table must describe it, e.g. "faithful reimplementation, trained here"
     timed       its answers are computed when it is asked (False: they were made elsewhere, so no time is told)
     """
@@ -51,9 +52,13 @@ class MethodInfo:
     universal: bool = False
     linear: bool = False
     truth: bool = False
-    lights: frozenset[str] = frozenset({"directional", "environment"})
+    lights: frozenset[LightKind] = frozenset({"directional", "environment"})
     fidelity: str = "reference"
     timed: bool = True
+
+    def __post_init__(self) -> None:
+        if odd := sorted(set(self.lights) - LIGHT_KINDS):
+            raise InputError(f"method {self.name!r}: lights holds {odd[0]!r}; use {', '.join(sorted(LIGHT_KINDS))}")
 
 
 class Recording:
@@ -77,7 +82,7 @@ class Recording:
     def of_subject(self, subject: str) -> Recording:
         return self.where(lambda frame: frame.subject == subject)
 
-    def of_kind(self, *kinds: str) -> Recording:
+    def of_kind(self, *kinds: FrameKind) -> Recording:
         return self.where(lambda frame: frame.kind in kinds)
 
 

@@ -11,7 +11,7 @@ from handbench.data.texture import mean_texture
 from handbench.errors import Unsupported
 from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
 from handbench.render.posed import raster
-from handbench.scene import Prediction, Query
+from handbench.scene import LIGHT_KINDS, Prediction, Query
 
 from .nets.weights import load_state, save_state
 from .picture import prediction
@@ -46,7 +46,7 @@ class Mean(Method):
         title="Mean predictor",
         summary="mean texture under the mean light",
         universal=True,
-        lights=frozenset({"directional", "point", "environment"}),
+        lights=LIGHT_KINDS,
         fidelity="calibration: the floor",
     )
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from handbench.errors import Unsupported
 from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
-from handbench.scene import Frame, Prediction, Query
+from handbench.scene import LIGHT_KINDS, Frame, Prediction, Query
 
 
 class OracleAvatar(Avatar):
@@ -39,7 +39,7 @@ class Oracle(Method):
         universal=True,
         linear=True,
         truth=True,
-        lights=frozenset({"directional", "point", "environment"}),
+        lights=LIGHT_KINDS,
         fidelity="calibration: must be perfect",
     )
 

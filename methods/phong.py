@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from handbench.method import Method, MethodInfo
+from handbench.scene import KNOWN_LIGHTS
 
 from . import reflectance
 
@@ -12,7 +13,7 @@ INFO = MethodInfo(
     summary="mean texture and Phong reflectance on the tracked mesh",
     universal=True,
     linear=True,
-    lights=frozenset({"directional", "point", "environment"}),
+    lights=KNOWN_LIGHTS,
     fidelity="reference: no learned network",
 )
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from handbench.bench.protocol import AGGREGATION, AXES, Column, Protocol, Published, Selection
 from handbench.errors import InputError, unknown_name
+from handbench.scene import check_frame_kind
 
 _SELECTION = ("segments", "kinds", "lightings", "poses", "cameras")
-_KINDS = ("olat", "group", "full", "environment")
 _COLUMN = ("name", "title", "subjects", "shares", "limit", *_SELECTION)
 _TOP = (
     *("name", "version", "title", "summary", "capture", "size", "subjects", "train", "enrol", "column"),
@@ -128,8 +128,7 @@ def _published(owner: str, table: Any, columns: Sequence[str], metrics: Sequence
 def _selection(owner: str, table: Mapping[str, Any]) -> Selection:
     reader = _Reader(owner, table, _SELECTION)
     for kind in reader.texts("kinds", default=()):
-        if kind not in _KINDS:
-            raise unknown_name(f"kind of frame in {owner}:", kind, _KINDS)
+        check_frame_kind(owner, kind)
     return Selection(**{key: reader.texts(key) for key in reader.given})
 
 

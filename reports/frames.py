@@ -19,7 +19,7 @@ from .truth import prediction
 
 EXPOSED = 0.8  # the display-linear value that the 99th percentile of the truth is brought to
 MARGIN = 0.06  # of the hand's size, around the hand
-KINDS = {
+KINDS: Mapping[str, str] = {  # of every `FrameKind`, in the order of a report
     "olat": "One light at a time",
     "group": "Group of lights",
     "full": "Fully lit",

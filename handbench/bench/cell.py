@@ -16,7 +16,7 @@ import numpy as np
 from ..data.capture import Capture
 from ..errors import HandbenchError, StorageError, Unsupported
 from ..method import Avatar, Method, MethodInfo, Progress, Recording
-from ..scene import Directional, Frame, Light, Mesh, Observation, Point, Prediction, Query, leaves
+from ..scene import Frame, Light, Mesh, Observation, Prediction, Query, kind_of, leaves
 from ..skips import tallied
 from .failure import Failure, failure
 from .laws import measured
@@ -157,7 +157,7 @@ class _Asked:
 def light_refusal(info: MethodInfo, light: Light) -> str | None:
     """Why a method is not asked to draw a light: it holds a kind that the method does not declare. None: it is."""
     for single in leaves(light):
-        kind = {Directional: "directional", Point: "point"}.get(type(single), "environment")
+        kind = kind_of(single)
         if kind not in info.lights:
             return f"{info.title} cannot draw {kind} lights"
     return None

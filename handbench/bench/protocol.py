@@ -12,12 +12,12 @@ from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
 from itertools import combinations
-from typing import Any
+from typing import Any, assert_never
 
 import numpy as np
 
 from ..errors import InputError
-from ..scene import Array, Directional, Frame, Light, Point, leaves
+from ..scene import Array, Directional, Environment, Frame, Light, Point, Single, Unknown, kind_of, leaves
 
 # What a scored frame can have in common with training; a column declares in `shares` what it shares on purpose.
 AXES = ("subject", "pose", "light")
@@ -225,14 +225,18 @@ def _singles(light: Light) -> set[tuple[Any, ...]]:
     def place(vector: Array) -> tuple[float, ...]:
         return tuple((np.round(vector, 5) + 0.0).tolist())  # + 0.0: no negative zero
 
-    return {
-        ("direction", *place(single.direction))
-        if isinstance(single, Directional)
-        else ("position", *place(single.position))
-        if isinstance(single, Point)
-        else ("environment", single.name)
-        for single in leaves(light)
-    }
+    def told(single: Single) -> tuple[Any, ...]:
+        match single:
+            case Directional():
+                return ("direction", *place(single.direction))
+            case Point():
+                return ("position", *place(single.position))
+            case Environment() | Unknown():
+                return (kind_of(single), single.name)
+            case _:
+                assert_never(single)
+
+    return {told(single) for single in leaves(light)}
 
 
 def sample(frames: Iterable[Frame], limit: int | None, seed: int) -> tuple[Frame, ...]:

@@ -9,10 +9,9 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from ..files import whole
-from ..scene import Array, Directional, Frame
+from ..scene import FRAME_KINDS, Array, Directional, Frame
 from .capture import Capture
 
-_KINDS = ("olat", "group", "full", "environment")
 _MARGIN, _LABEL, _GAP = 64, 20, 3
 _PAPER, _INK = (18, 18, 20), (225, 225, 228)
 
@@ -25,7 +24,7 @@ def contact_sheet(capture: Capture, cell_height: int = 112) -> Image.Image:
         for values in (
             [f.subject for f in frames],
             [f.camera.name for f in frames],
-            [k for k in _KINDS if any(f.kind == k for f in frames)],
+            [k for k in FRAME_KINDS if any(f.kind == k for f in frames)],
         )
     )
     poses = list(dict.fromkeys(f.pose_name for f in frames))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import assert_never
 
 import numpy as np
 
-from ..scene import Array, Directional, Environment, Light, Point, leaves
+from ..scene import Array, Directional, Environment, Light, Point, known_leaves
 from ..skips import note, skips
 from .environment import to_directional
 from .reduction import reduced
@@ -40,16 +41,20 @@ def light_samples(
     one distant light a texel, or to at most `environment_lights` lights where the light is (`reduced`).
     Lights without power are left out, and with `Skips.faint_lights` the faintest distant ones too: what is admitted
     is noted in billionths of their power. Near lights are never faint: how far away they are decides.
+    Raises `Unsupported` for an unknown light.
     """
     distant: list[tuple[Array, Array]] = []
     near: list[tuple[Array, Array]] = []
-    for leaf in leaves(light):
-        if isinstance(leaf, Environment):
-            distant.append(_environment(leaf, environment_size, environment_lights))
-        elif isinstance(leaf, Directional):
-            distant.append((leaf.direction[None], leaf.irradiance[None]))
-        elif isinstance(leaf, Point):
-            near.append((leaf.position[None], leaf.intensity[None]))
+    for leaf in known_leaves(light):
+        match leaf:
+            case Environment():
+                distant.append(_environment(leaf, environment_size, environment_lights))
+            case Directional():
+                distant.append((leaf.direction[None], leaf.irradiance[None]))
+            case Point():
+                near.append((leaf.position[None], leaf.intensity[None]))
+            case _:
+                assert_never(leaf)
     parts = [_joined(distant), _joined(near)]
     if skips().dark_lights:
         total = sum(len(power) for _, power in parts)

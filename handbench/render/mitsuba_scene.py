@@ -7,13 +7,13 @@ and roughness, no transmission, and fine relief by bump mapping.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, assert_never
 
 import mitsuba as mi
 import numpy as np
 
 from ..errors import InputError
-from ..scene import Array, Camera, Directional, Environment, Mesh, Point
+from ..scene import Array, Camera, Directional, Environment, Known, Mesh, Point
 from .surface import mesh_normals
 
 
@@ -65,21 +65,25 @@ def sensor(camera: Camera) -> dict[str, Any]:
     }
 
 
-def emitter(light: Directional | Point | Environment) -> dict[str, Any]:
+def emitter(light: Known) -> dict[str, Any]:
     """A single light as a Mitsuba emitter; environments are interpolated between texels there."""
-    if isinstance(light, Directional):
-        return {
-            "type": "directional",
-            "direction": (-light.direction).tolist(),
-            "irradiance": {"type": "rgb", "value": light.irradiance.tolist()},
-        }
-    if isinstance(light, Point):
-        return {
-            "type": "point",
-            "position": light.position.tolist(),
-            "intensity": {"type": "rgb", "value": light.intensity.tolist()},
-        }
-    return {"type": "envmap", "bitmap": mi.Bitmap(np.array(light.radiance))}
+    match light:
+        case Directional():
+            return {
+                "type": "directional",
+                "direction": (-light.direction).tolist(),
+                "irradiance": {"type": "rgb", "value": light.irradiance.tolist()},
+            }
+        case Point():
+            return {
+                "type": "point",
+                "position": light.position.tolist(),
+                "intensity": {"type": "rgb", "value": light.intensity.tolist()},
+            }
+        case Environment():
+            return {"type": "envmap", "bitmap": mi.Bitmap(np.array(light.radiance))}
+        case _:
+            assert_never(light)
 
 
 def shape(surface: TracedSurface) -> Any:

@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 from scipy.stats import qmc
 
-from ..scene import Array, Camera, Directional, Environment, Point
+from ..scene import Array, Camera, Directional, Environment, Known, Point
 from .envtables import EnvironmentTables, environment_tables
 
 _DIMENSIONS = 6
@@ -35,7 +35,7 @@ class MultiLight:
         scene: Any,
         camera: Camera,
         window: tuple[int, int, int, int],
-        lights: Sequence[Directional | Point | Environment],
+        lights: Sequence[Known],
         spp: int,
         seed: int,
         max_depth: int,
@@ -49,13 +49,14 @@ class MultiLight:
         """
         grid = min(grid, math.isqrt(spp))
         spp = -(-spp // grid**2) * grid**2
-        delta = [i for i, light in enumerate(lights) if not isinstance(light, Environment)]
-        distant = [i for i, light in enumerate(lights) if isinstance(light, Environment)]
+        deltas_of = {i: light for i, light in enumerate(lights) if not isinstance(light, Environment)}
+        maps_of = {i: light for i, light in enumerate(lights) if isinstance(light, Environment)}
+        delta, distant = list(deltas_of), list(maps_of)
         x0, y0, x1, y1 = window
         pixels = (x1 - x0) * (y1 - y0)
         samples = _sample_table(spp, grid, _DIMENSIONS * (max_depth - 1), seed)
-        deltas = _delta_arrays([lights[i] for i in delta])  # type: ignore[misc]
-        tables = self._environments(tuple(lights[i] for i in distant))  # type: ignore[misc]
+        deltas = _delta_arrays(list(deltas_of.values()))
+        tables = self._environments(tuple(maps_of.values()))
         image = dr.zeros(mi.Float, (len(delta) + len(distant)) * pixels * 3)
 
         ray, pixel, sample = _camera_rays(scene, camera, window, samples, spp)

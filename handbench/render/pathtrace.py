@@ -16,7 +16,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from ..errors import InputError
-from ..scene import Array, Camera, Directional, Environment, Light, Mesh, Point, leaves
+from ..scene import Array, Camera, Known, Light, Mesh, known_leaves, leaves
 from .llvm import SCALAR, VECTORISED, choose_variant
 from .mitsuba_scene import TracedSurface, emitter, sensor, shape
 from .raster import Raster, rasterise
@@ -79,8 +79,9 @@ class PathTracer:
         spp is rounded up to a multiple of GRID², the places in a pixel; each place asks delta lights once, all samples
         feed environments and interreflection. max_depth counts segments as Mitsuba does: 2 is direct light, 4 adds
         two interreflections. A group is the sum of its members' images.
+        Raises `Unsupported` for an unknown light.
         """
-        singles = [leaf for light in lights for leaf in leaves(light)]
+        singles = [leaf for light in lights for leaf in known_leaves(light)]
         window = _window(surface, camera)
         images = np.zeros((len(lights), camera.height, camera.width, 3), np.float32)
         if not singles or window is None:
@@ -116,9 +117,7 @@ class PathTracer:
             self._scene = mi.load_dict({"type": "scene", "shape": self._shape})
             self._surface = surface
 
-    def _render_one(
-        self, camera: Camera, light: Directional | Point | Environment, spp: int, seed: int, max_depth: int
-    ) -> Array:
+    def _render_one(self, camera: Camera, light: Known, spp: int, seed: int, max_depth: int) -> Array:
         """One light with Mitsuba's `path` integrator."""
         scene = mi.load_dict(
             {

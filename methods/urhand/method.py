@@ -16,7 +16,7 @@ from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
 from handbench.render.posed import PosedSurface, raster
 from handbench.render.shading import relight, transfer
-from handbench.scene import Camera, Prediction, Query
+from handbench.scene import KNOWN_LIGHTS, Camera, Prediction, Query
 from handbench.skips import skips
 
 from ..ablations import ABLATIONS
@@ -40,7 +40,7 @@ INFO = MethodInfo(
     summary="universal prior: physical branch, neural branch with a linear lighting network",
     universal=True,
     linear=True,
-    lights=frozenset({"directional", "point", "environment"}),
+    lights=KNOWN_LIGHTS,
     fidelity="faithful reimplementation trained here on open data",
 )
 

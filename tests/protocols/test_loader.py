@@ -56,7 +56,7 @@ def test_quick_answers_its_four_questions():
         (("metrics",), ["psnr", "psnr"], "'psnr' is given twice"),
         (("seeds",), [0, -1], r"seeds is \[0, -1\]"),
         (("train",), ["train"], r"give a \[train\] table"),
-        (("enrol", "kinds"), ["ful"], "unknown kind of frame .* 'ful'; did you mean 'full'"),
+        (("enrol", "kinds"), ["ful"], "kind of frame is 'ful'; use one of olat, group, full, environment"),
         (("column",), [], r"no \[\[column\]\]"),
         (("column", 0), 3, "column 1: expected a table, got 3"),
         (("column", 0, "subjects"), "all", '(unseen-segment): subjects is \'all\'; write "trained", "unseen" or a'),

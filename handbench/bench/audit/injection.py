@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ...method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
-from ...scene import Frame, Prediction, Query
+from ...scene import KNOWN_LIGHTS, Frame, Prediction, Query
 from ..cell import Bench, compute
 from ..plan import Cell
 from ..priors import Priors
@@ -173,7 +173,7 @@ class _Grey(Method):
     """Draws grey, unless its fault is at work: a training whose loss is NaN, and so what it learns, and so on."""
 
     def __init__(self, name: str, fault: str, spoiled: str) -> None:
-        lights = frozenset({"directional", "point", "environment"})
+        lights = KNOWN_LIGHTS
         self.info = MethodInfo(name, name, "a grey picture", universal=True, lights=lights)
         self._fault, self._spoiled = fault, spoiled
 

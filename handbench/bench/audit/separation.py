@@ -6,12 +6,13 @@ one by one: directions by angle, points by distance, environments by their radia
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from fnmatch import fnmatchcase
+from typing import assert_never
 
 import numpy as np
 
-from ...scene import Directional, Environment, Frame, Light, Point, leaves
+from ...scene import Directional, Environment, Frame, Light, Point, Single, Unknown, leaves
 from ..protocol import Selection
 from .evidence import Evidence
 from .records import told
@@ -94,17 +95,30 @@ def _by_name(frames: Iterable[Frame]) -> dict[str, list[Light]]:
     return {name: list(found.values()) for name, found in lights.items()}
 
 
-def _each(lights: Iterable[Light]) -> list[Directional | Point | Environment]:
+def _each(lights: Iterable[Light]) -> list[Single]:
     return [single for light in lights for single in leaves(light)]
 
 
-def _singles(frames: Iterable[Frame]) -> list[Directional | Point | Environment]:
+def _singles(frames: Iterable[Frame]) -> list[Single]:
     return _each({id(frame.light): frame.light for frame in frames}.values())
 
 
-def _is_among(light: Directional | Point | Environment, others: Iterable[Directional | Point | Environment]) -> bool:
-    same: Callable[..., bool] = _SAME[type(light)]
-    return any(same(light, other) for other in others if type(other) is type(light))
+def _is_among(light: Single, others: Iterable[Single]) -> bool:
+    return any(_same_single(light, other) for other in others)
+
+
+def _same_single(one: Single, other: Single) -> bool:
+    match one:
+        case Directional():
+            return isinstance(other, Directional) and _same_direction(one, other)
+        case Point():
+            return isinstance(other, Point) and _same_place(one, other)
+        case Environment():
+            return isinstance(other, Environment) and _same_radiance(one, other)
+        case Unknown():
+            return isinstance(other, Unknown) and one.name == other.name
+        case _:
+            assert_never(one)
 
 
 def _same_direction(one: Directional, other: Directional) -> bool:
@@ -121,10 +135,3 @@ def _same_radiance(one: Environment, other: Environment) -> bool:
     if a.shape != b.shape or not a.any() or not b.any():
         return one.name == other.name
     return float(np.abs(a / a.mean() - b / b.mean()).mean()) < _ALIKE
-
-
-_SAME: dict[type, Callable[..., bool]] = {
-    Directional: _same_direction,
-    Point: _same_place,
-    Environment: _same_radiance,
-}

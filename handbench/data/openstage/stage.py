@@ -9,7 +9,7 @@ import numpy as np
 from ...light.environment import solid_angles
 from ...light.skybox import skybox
 from ...light.stage import stage_directions
-from ...scene import Array, Camera, Directional, Environment, Group, Light
+from ...scene import Array, Camera, Directional, Environment, FrameKind, Group, Light
 from .presets import Preset
 
 # Irradiance of one stage light on a surface that faces it; skin of albedo 0.5 then reaches 0.5 on a 0..1 display.
@@ -58,7 +58,7 @@ class Lighting:
     """
 
     name: str
-    kind: str
+    kind: FrameKind
     light: Light
     weights: Array | None = None
 
@@ -94,6 +94,6 @@ def lightings(preset: Preset) -> tuple[Lighting, ...]:
     return tuple(found)
 
 
-def _combined(name: str, kind: str, lights: tuple[Directional, ...], weights: Array) -> Lighting:
+def _combined(name: str, kind: FrameKind, lights: tuple[Directional, ...], weights: Array) -> Lighting:
     members = tuple(light.scaled(w) for light, w in zip(lights, weights, strict=True) if w > 0)
     return Lighting(name, kind, Group(members), weights)

@@ -10,7 +10,7 @@ from typing import Any
 from ...errors import InputError, Unsupported
 from ...method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
 from ...registry import Entry
-from ...scene import Prediction, Query
+from ...scene import LIGHT_KINDS, Prediction, Query
 from .folder import PredictionFolder, picture_path
 from .picture import Misfit, read_picture
 
@@ -75,7 +75,7 @@ def create(preset: str = "quick", *, folder: str, name: str, title: str, note: s
         title=title,
         summary=note or "pictures that were drawn elsewhere",
         universal=True,
-        lights=frozenset({"directional", "point", "environment"}),
+        lights=LIGHT_KINDS,
         fidelity=FIDELITY + claim,
         timed=False,
     )

@@ -15,14 +15,14 @@ import shutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, assert_never
 
 import numpy as np
 
 from ...errors import InputError
 from ...files import writing
 from ...method import Progress, silent
-from ...scene import Camera, Directional, Environment, Frame, Group, Light, Observation, Point
+from ...scene import Camera, Directional, Environment, Frame, Group, Light, Observation, Point, Unknown
 from ..exr import rgb, write_exr
 from .folder import ASKED, Asked, picture_path
 from .manifest import MANIFEST
@@ -92,6 +92,10 @@ class _Tables:
                 return {"type": "point", **{name: value.tolist() for name, value in values.items()}}
             case Environment():
                 return {"type": "environment", "name": light.name, "radiance": self._environment(light)}
+            case Unknown():
+                return {"type": "unknown", "name": light.name}
+            case _:
+                assert_never(light)
 
     def _environment(self, light: Environment) -> str:
         if id(light) not in self._environments:

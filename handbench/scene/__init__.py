@@ -7,147 +7,65 @@ Light directions are unit vectors from the surface to the light.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from .errors import InputError
+from ..errors import InputError
+from .arrays import Array
+from .arrays import checked as _array
+from .arrays import put as _set
+from .camera import Camera
+from .light import (
+    FRAME_KINDS,
+    KNOWN_LIGHTS,
+    LIGHT_KINDS,
+    Directional,
+    Environment,
+    FrameKind,
+    Group,
+    Known,
+    Light,
+    LightKind,
+    Point,
+    Single,
+    Unknown,
+    check_frame_kind,
+    check_light,
+    kind_of,
+    known_leaves,
+    leaves,
+)
 
-Array: TypeAlias = NDArray[Any]
-
-
-def _array(owner: str, name: str, value: ArrayLike, shape: tuple[int | None, ...], dtype: type) -> Array:
-    """A read-only array of the given shape (None: any size), or an `InputError` that names what is wrong."""
-    array: Array = np.asarray(value, dtype=dtype)
-    fits = array.ndim == len(shape) and all(s is None or s == n for s, n in zip(shape, array.shape, strict=True))
-    if not fits:
-        wanted = "(" + ", ".join("n" if s is None else str(s) for s in shape) + ")"
-        raise InputError(f"{owner}: {name} has shape {array.shape}, expected {wanted}")
-    if array.dtype.kind == "f" and not np.isfinite(array).all():
-        bad = int(np.count_nonzero(~np.isfinite(array)))
-        raise InputError(f"{owner}: {name} holds {bad} values that are NaN or infinite; remove them first")
-    if array.flags.writeable:
-        array = array.copy()
-        array.flags.writeable = False
-    return array
-
-
-def _set(instance: object, name: str, value: object) -> None:
-    object.__setattr__(instance, name, value)
-
-
-@dataclass(frozen=True, eq=False)
-class Camera:
-    """A pinhole camera: K (3, 3) in pixels, world_to_camera (3, 4) rigid, width and height in pixels."""
-
-    name: str
-    width: int
-    height: int
-    K: Array
-    world_to_camera: Array
-
-    def __post_init__(self) -> None:
-        owner = f"camera {self.name!r}"
-        if self.width < 1 or self.height < 1:
-            raise InputError(f"{owner}: size {self.width}x{self.height} must be at least 1x1")
-        _set(self, "K", _array(owner, "K", self.K, (3, 3), np.float64))
-        _set(self, "world_to_camera", _array(owner, "world_to_camera", self.world_to_camera, (3, 4), np.float64))
-        if abs(np.linalg.det(self.K)) < 1e-12:
-            raise InputError(f"{owner}: K has no inverse; give focal lengths in pixels")
-        rotation = self.world_to_camera[:, :3]
-        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4) or np.linalg.det(rotation) < 0:
-            raise InputError(f"{owner}: world_to_camera is not a rigid transform; check its handedness and scale")
-
-    @property
-    def centre(self) -> Array:
-        """Position of the camera in the world, (3,) metres."""
-        return -self.world_to_camera[:, :3].T @ self.world_to_camera[:, 3]
-
-
-@dataclass(frozen=True, eq=False)
-class Directional:
-    """A distant light: unit direction (3,) to the light, irradiance (3,) on a surface that faces it."""
-
-    direction: Array
-    irradiance: Array
-
-    def __post_init__(self) -> None:
-        direction = _array("directional light", "direction", self.direction, (3,), np.float64)
-        if abs(np.linalg.norm(direction) - 1.0) > 1e-4:
-            raise InputError(f"directional light: direction {direction.tolist()} is not a unit vector; normalise it")
-        _set(self, "direction", direction)
-        _set(self, "irradiance", _nonnegative("directional light", "irradiance", self.irradiance, (3,), np.float64))
-
-    def scaled(self, factor: float) -> Directional:
-        return Directional(self.direction, self.irradiance * factor)
-
-
-@dataclass(frozen=True, eq=False)
-class Point:
-    """A near light: position (3,) in metres, radiant intensity (3,) per steradian."""
-
-    position: Array
-    intensity: Array
-
-    def __post_init__(self) -> None:
-        _set(self, "position", _array("point light", "position", self.position, (3,), np.float64))
-        _set(self, "intensity", _nonnegative("point light", "intensity", self.intensity, (3,), np.float64))
-
-    def scaled(self, factor: float) -> Point:
-        return Point(self.position, self.intensity * factor)
-
-
-@dataclass(frozen=True, eq=False)
-class Environment:
-    """Distant radiance (H, W, 3) in all directions: equirectangular, row 0 = +y, see `handbench.light`."""
-
-    name: str
-    radiance: Array
-
-    def __post_init__(self) -> None:
-        owner = f"environment {self.name!r}"
-        radiance = _nonnegative(owner, "radiance", self.radiance, (None, None, 3), np.float32)
-        if radiance.size == 0:
-            raise InputError(f"{owner}: radiance is empty; give at least one texel")
-        _set(self, "radiance", radiance)
-
-    def scaled(self, factor: float) -> Environment:
-        return Environment(self.name, self.radiance * np.float32(factor))
-
-
-@dataclass(frozen=True, eq=False)
-class Group:
-    """Several lights at once; light adds."""
-
-    lights: tuple[Light, ...]
-
-    def __post_init__(self) -> None:
-        _set(self, "lights", tuple(self.lights))
-
-    def scaled(self, factor: float) -> Group:
-        return Group(tuple(light.scaled(factor) for light in self.lights))
-
-
-Light: TypeAlias = Directional | Point | Environment | Group
-
-
-def _nonnegative(owner: str, name: str, value: ArrayLike, shape: tuple[int | None, ...], dtype: type) -> Array:
-    array = _array(owner, name, value, shape, dtype)
-    if (array < 0).any():
-        raise InputError(f"{owner}: {name} has negative values (least {array.min():g}); light cannot be negative")
-    return array
-
-
-def leaves(light: Light) -> Iterator[Directional | Point | Environment]:
-    """The single lights of a light, groups opened in order."""
-    if isinstance(light, Group):
-        for member in light.lights:
-            yield from leaves(member)
-    else:
-        yield light
+__all__ = [
+    "FRAME_KINDS",
+    "KNOWN_LIGHTS",
+    "LIGHT_KINDS",
+    "Array",
+    "Camera",
+    "Directional",
+    "Environment",
+    "Frame",
+    "FrameKind",
+    "Group",
+    "Known",
+    "Light",
+    "LightKind",
+    "Mesh",
+    "Observation",
+    "Point",
+    "Pose",
+    "Prediction",
+    "Query",
+    "Single",
+    "Topology",
+    "Unknown",
+    "check_frame_kind",
+    "kind_of",
+    "known_leaves",
+    "leaves",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,6 +134,9 @@ class Query:
     camera: Camera
     light: Light
 
+    def __post_init__(self) -> None:
+        check_light(f"query {self.key!r}", self.light)
+
     @property
     def pose_key(self) -> str:
         return f"{self.subject}/{self.pose_name}"
@@ -227,10 +148,14 @@ class Query:
 
 @dataclass(frozen=True, eq=False)
 class Frame(Query):
-    """A recorded frame: a query whose answer was photographed. `kind`: olat, group, full or environment."""
+    """A recorded frame: a query whose answer was photographed. `kind` tells how it was lit."""
 
     segment: str
-    kind: str
+    kind: FrameKind
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_frame_kind(f"frame {self.key!r}", self.kind)
 
     @property
     def query(self) -> Query:
