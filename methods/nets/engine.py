@@ -181,9 +181,10 @@ def _order(samples: int, seed: int, epoch: int) -> Array:
     return np.random.default_rng([11, seed, epoch]).permutation(samples)
 
 
-def light_weights(lights: int, counts: Sequence[int], rng: np.random.Generator) -> Array:
-    """Random weights (lights,) of a few stage lights, `counts` of them as likely each, about as bright as one."""
-    count = min(int(rng.choice(counts)), lights)
-    weights = np.zeros(lights)
-    weights[rng.choice(lights, count, replace=False)] = rng.uniform(0.5, 1.5, count) / np.sqrt(count)
+def light_weights(pictures: int, counts: Sequence[int], rng: np.random.Generator) -> Array:
+    """Random weights (pictures,) of a few pictures, `counts` of them as likely each, whose sum is about as bright as
+    one."""
+    count = min(int(rng.choice(counts)), pictures)
+    weights = np.zeros(pictures)
+    weights[rng.choice(pictures, count, replace=False)] = rng.uniform(0.5, 1.5, count) / np.sqrt(count)
     return weights

@@ -25,7 +25,8 @@ class Config:
     rate                Adam's learning rate after `warmup` steps and at the last step, decayed exponentially; the
                         released code has AdamW at 5e-4
     warmup              steps over which the rate rises from zero
-    lights              how many stage lights a step may combine; each count is as likely, each light costs a pass
+    lights              how many pictures of a view a step may combine, each of a single light or of a group; each count
+                        is as likely, each light costs a pass
     environment_lights  the greatest number of distant lights that stand for an environment: each costs a pass
 
     Losses: 1 times L2, and these. The released weights on 0..255 (L2 .0016, VGG 1, negative colour .01) are all

@@ -17,6 +17,9 @@ from .config import Bias, Config
 from .frames import tangent_frames
 from .networks import TextureDecoder
 
+NEAREST = 1e-3
+"""Metres within which a near light grows no brighter: it would be infinitely so on the surface."""
+
 SCALE, OFFSET = 25.0, 100.0  # lambda_s and lambda_b of Eq. 7, of images of 0..255
 
 
@@ -32,8 +35,10 @@ def coloured(texture: Tensor, shadow: Tensor, bias: Bias) -> tuple[Tensor, Tenso
 
 @dataclass(frozen=True)
 class Seen:
-    """A pose in a camera: the texels' frames (3, 3, N), the view direction in them (3, N), joint rotations (J, 3)."""
+    """A pose in a camera: the texels' positions (3, N) and frames (3, 3, N), the view direction in these (3, N), joint
+    rotations (J, 3)."""
 
+    position: Tensor
     frames: Tensor
     view: Tensor
     joints: Tensor
@@ -44,7 +49,7 @@ class Seen:
         frames = tangent_frames(posed)
         view = unit(torch.as_tensor(centre, dtype=torch.float32)[:, None] - posed.position)
         rotations = torch.from_numpy(joints.copy()).float()
-        return Seen(frames, (frames * view).sum(dim=1), rotations, posed.atlas)
+        return Seen(posed.position, frames, (frames * view).sum(dim=1), rotations, posed.atlas)
 
 
 class RelightableHandsModel(nn.Module):
@@ -63,25 +68,33 @@ class RelightableHandsModel(nn.Module):
         self.register_buffer("exposure", torch.tensor(exposure))
         channels_last(self)
 
-    def responses(self, seen: Seen, directions: Array, visible: Tensor) -> tuple[Tensor, Tensor]:
-        """Radiance (L, 3, N) of the texels under each of L distant lights of unit irradiance, and what goes into the
-        ReLU of Eq. 7.
+    def responses(
+        self, seen: Seen, directions: Array, visible: Tensor, positions: Array | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Radiance (L, 3, N) of the texels under each of L lights of unit power, and what goes into the ReLU of Eq. 7.
 
-        directions (L, 3) are unit vectors to the lights, visible (L, N) says which reach the texels. Directions go
-        in in the texels' own frames: the released code turns them into those of its primitives, which lie on the
-        surface alike.
+        directions (D, 3) are unit vectors to the distant lights, of unit irradiance; positions (P, 3) those of near
+        lights, of unit intensity, which falls off with the square of the distance; L = D + P. visible (L, N) says
+        which reach the texels. Directions go in in the texels' own frames: the released code turns them into those of
+        its primitives, which lie on the surface alike.
         """
-        towards = torch.tensor(directions, dtype=torch.float32)
-        light = torch.einsum("ijn,lj->lin", seen.frames, towards)
+        light = torch.einsum("ijn,lj->lin", seen.frames, torch.tensor(directions, dtype=torch.float32))
+        falloff = None
+        if positions is not None and len(positions):
+            towards = torch.tensor(positions, dtype=torch.float32)[:, :, None] - seen.position
+            distance = towards.norm(dim=1, keepdim=True).clamp_min(NEAREST)
+            light = torch.cat([light, torch.einsum("ijn,ljn->lin", seen.frames, towards / distance)])
+            falloff = torch.cat([torch.ones(len(directions), 1, distance.shape[-1]), distance**-2])
         flat = torch.cat([seen.view.expand_as(light), light, visible[:, None].float()], dim=1)
         inputs = seen.atlas.dilate(seen.atlas.scatter(flat)).to(self.exposure.device)
         pose = seen.joints.reshape(1, -1).to(self.exposure.device)
         maps = self.decoder(inputs.contiguous(memory_format=torch.channels_last), pose)
         texture, shadow = (seen.atlas.gather(raw.cpu()) for raw in maps)
         colour, cut = coloured(texture, shadow, self.config.bias)
-        return colour * (self.exposure.cpu() / 255.0), cut
+        radiance = colour * (self.exposure.cpu() / 255.0)
+        return radiance if falloff is None else radiance * falloff, cut
 
 
-def lit(responses: Tensor, irradiance: Array) -> Tensor:
-    """Radiance (3, N) under lights of irradiance (L, 3), from what the hand answers to each alone (L, 3, N)."""
-    return torch.einsum("lcn,lc->cn", responses, torch.tensor(irradiance, dtype=responses.dtype))
+def lit(responses: Tensor, power: Array) -> Tensor:
+    """Radiance (3, N) under lights of irradiance or intensity (L, 3), from what the hand answers to each (L, 3, N)."""
+    return torch.einsum("lcn,lc->cn", responses, torch.tensor(power, dtype=responses.dtype))

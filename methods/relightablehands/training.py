@@ -1,4 +1,4 @@
-"""Training of RelightableHands on one subject: pictures under random exact combinations of stage lights."""
+"""Training of RelightableHands on one subject: pictures under random exact sums of recorded ones."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from torch import Tensor
 from handbench.device import device
 from handbench.errors import Unsupported
 from handbench.method import Progress, Recording, silent
+from handbench.scene import Array
 
 from ..nets.engine import Player, fit, light_weights
 from ..nets.perceptual import perceptual_loss
 from ..picture import display
 from ..views import View, views
 from .config import Config
-from .model import RelightableHandsModel, Seen, lit
+from .model import NEAREST, RelightableHandsModel, Seen, lit
 
 _BRIGHT = 0.99  # the share of the hand's values that are darker than 128 of 255
 
@@ -25,8 +26,8 @@ _BRIGHT = 0.99  # the share of the hand's values that are darker than 128 of 255
 def train(config: Config, recording: Recording, seed: int = 0, progress: Progress = silent) -> RelightableHandsModel:
     """The model of the recording's one subject.
 
-    Raises `Unsupported` for a recording without single-light frames, `NonFinite` as soon as a step's loss or gradient
-    is not finite.
+    Raises `Unsupported` for a recording without single-light and group frames, `NonFinite` as soon as a step's loss or
+    gradient is not finite.
     """
     seen = views(recording, config.texture, method="relightablehands")
     with torch.random.fork_rng(devices=[]):
@@ -40,19 +41,27 @@ def train(config: Config, recording: Recording, seed: int = 0, progress: Progres
 def exposure(seen: list[View]) -> float:
     """Twice the radiance that the brightest hundredth of the hand has under a single light of unit irradiance.
 
-    So 255 of Eq. 7 has room for highlights, whatever units a capture's lights and cameras have. `Unsupported` if all
-    pictures are black.
+    So 255 of Eq. 7 has room for highlights, whatever units a capture's lights and cameras have. A group counts as its
+    strongest light: lights from different sides have different brightest places. `Unsupported` if all pictures are
+    black.
     """
     bright = []
     for view in seen:
-        irradiance = torch.from_numpy(view.lights.irradiance.mean(axis=1)).float()
+        strongest = torch.from_numpy(_irradiance(view).max(axis=1)).float()
         covered = torch.from_numpy(view.raster.alpha[view.box] > 0.5)
-        values = (view.images.float().mean(dim=1) / irradiance[:, None, None])[:, covered]
+        values = (view.images.float().mean(dim=1) / strongest[:, None, None])[:, covered]
         bright.append(np.quantile(values.numpy(), _BRIGHT))
     found = 2.0 * float(np.mean(bright))
     if not found > 0.0:
-        raise Unsupported("relightablehands trains on single-light frames, and all of them are black")
+        raise Unsupported("relightablehands trains on pictures under single lights or groups, and all are black")
     return found
+
+
+def _irradiance(view: View) -> Array:
+    """Mean irradiance over the colours of each light in each picture (L, S), of a near one in the hand's middle."""
+    away = np.linalg.norm(view.positions - view.posed.position.mean(dim=1).numpy(), axis=1)
+    falloff = np.concatenate([np.ones(len(view.directions)), np.maximum(away, NEAREST) ** -2.0])
+    return view.power.mean(axis=2) * falloff
 
 
 class Lesson:
@@ -70,8 +79,9 @@ class Lesson:
         config, view = self.model.config, self.views[sample]
         lights, visible, truth = view.lit_by(light_weights(len(view.images), config.lights, rng))
         assert visible is not None  # views are made with shadows
-        responses, cut = self.model.responses(self._seen[sample], lights.directions, visible)
-        drawn, target = display(view.draw(lit(responses, lights.irradiance))), display(truth)
+        responses, cut = self.model.responses(self._seen[sample], lights.directions, visible, lights.positions)
+        power = np.concatenate([lights.irradiance, lights.intensities])
+        drawn, target = display(view.draw(lit(responses, power))), display(truth)
         terms = {
             "l2": (drawn - target).square().sum() / (3 * view.covered),
             "negative": config.negative * (cut / 255.0).clamp_max(0.0).square().mean(),

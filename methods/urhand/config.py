@@ -23,7 +23,8 @@ class Config:
     steps, batch    training steps, and pictures a step
     rate            Adam's learning rate after `warmup` steps and at the last step, decayed exponentially
     warmup          steps over which the rate rises from zero: seven modulated layers multiply a first wrong step
-    lights          how many stage lights a step may combine; each count is as likely
+    lights          how many pictures of a view a step may combine, each of a single light or of a group; each count
+                    is as likely
     bfloat16        run the networks' convolutions in bfloat16 (shading never is)
 
     Losses (Eq. 7)
@@ -100,7 +101,7 @@ class Config:
     @property
     def near_lights(self) -> bool:
         """Whether lights at finite distance can be drawn."""
-        return self.encoder == "features" and self.shading != "released"
+        return self.encoder == "features" and self.shading != "released" and not self.exposure
 
 
 PRESETS = {

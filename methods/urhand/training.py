@@ -1,4 +1,4 @@
-"""Training of URHand: pictures under random exact combinations of stage lights, and an adversary that judges them."""
+"""Training of URHand: random exact sums of pictures under known lights, and an adversary that judges them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from handbench.errors import Unsupported
 from handbench.light.lightset import LightSet
 from handbench.method import Progress, Recording
 from handbench.render.shading import light_features
@@ -29,7 +30,7 @@ def train(model: URHandModel, recording: Recording, seed: int, progress: Progres
     """Train in place, telling the running means of the losses.
 
     Raises `NonFinite` as soon as a step's loss or gradient is not finite, `Unsupported` for a recording without
-    single-light frames.
+    single-light and group frames, and for near lights where the configuration has none.
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
@@ -48,6 +49,12 @@ class Lesson:
         self.model, self.config = model, config
         self.textures = {s: normalised_texture(recording.of_subject(s), config.texture) for s in recording.subjects}
         self.views = views(recording, config.texture, config.shadows)
+        near = [view.subject for view in self.views if len(view.positions)]
+        if near and not config.near_lights:
+            raise Unsupported(
+                f"urhand with encoder {config.encoder!r}, shading {config.shading!r} and exposure {config.exposure} "
+                f"trains on distant lights only, and frames of {near[0]} have near ones"
+            )
         self.discriminator: Discriminator | None = None
         if config.adversarial:
             # after the generator's networks and from the same seed: an ablation without it starts them alike
@@ -56,7 +63,7 @@ class Lesson:
         self._shown: tuple[Tensor, Tensor, Tensor | None]
 
     def losses(self, sample: int, rng: np.random.Generator) -> Mapping[str, Tensor]:
-        """The terms of Eq. 7 on one view under a random combination of its lights."""
+        """The terms of Eq. 7 on a random sum of one view's pictures."""
         config, view = self.config, self.views[sample]
         weights = light_weights(len(view.images), config.lights, rng)
         lights, visible, truth = view.lit_by(weights)

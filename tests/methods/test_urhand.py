@@ -174,7 +174,7 @@ def test_nothing_is_trained_through_a_step_that_is_not_finite(training: Recordin
 
 
 def test_what_training_needs_is_said(training: Recording) -> None:
-    with pytest.raises(Unsupported, match="single-light frames"):
+    with pytest.raises(Unsupported, match="single-light or group frames"):
         URHand(SMOKE).train(training.of_kind("full"), 0)
     with pytest.raises(Unsupported, match="fully lit"):
         URHand(SMOKE).train(training.of_kind("olat"), 0)
