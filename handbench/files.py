@@ -173,6 +173,7 @@ def _probe(path: Path) -> None:
 
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _KINDS = (
+    (stat.S_ISREG, "a file"),
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a named pipe"),
     (stat.S_ISCHR, "a device"),

@@ -20,19 +20,22 @@ class Entry:
     """A plug-in: `target` is "module:attribute"; `summary` is one line for `handbench list`.
 
     `settings` are keyword arguments the target is always called with: several entries may share one factory.
+    `presets` is False for a method whose presets are all the same, so that asking it for one can be refused.
     """
 
     name: str
     target: str
     summary: str
     settings: tuple[tuple[str, str], ...] = ()
+    presets: bool = True
 
     def load(self) -> Any:
         module, _, attribute = self.target.partition(":")
         try:
             loaded = getattr(importlib.import_module(module), attribute)
-        except (ImportError, AttributeError) as error:
-            raise InputError(f"plug-in {self.name!r} at {self.target!r} cannot be loaded: {error}") from error
+        except (Exception, SystemExit) as error:  # whatever foreign code raises
+            text = " ".join(f"{type(error).__name__}: {error}".split())
+            raise InputError(f"plug-in {self.name!r} at {self.target!r} cannot be loaded: {text}; mend it") from error
         return partial(loaded, **dict(self.settings)) if self.settings else loaded
 
 
@@ -80,7 +83,7 @@ def _entry(point: importlib.metadata.EntryPoint) -> Entry:
         entry = point.load()
         if not isinstance(entry, Entry):
             raise TypeError(f"{point.value} is no handbench.registry.Entry")
-    except Exception as error:  # whatever foreign code raises must not hide the other plug-ins
+    except (Exception, SystemExit) as error:  # whatever foreign code raises must not hide the other plug-ins
         text = " ".join(f"{type(error).__name__}: {error}".split())
         return Broken(point.name, point.value, f"broken: {text}; uninstall or mend it")
     return entry

@@ -5,8 +5,13 @@ from handbench.registry import Entry
 from .ablations import ABLATIONS
 
 ENTRIES: tuple[Entry, ...] = (
-    Entry("oracle", "handbench.methods.oracle:create", "the path-traced truth fed back: perfect, or the run is wrong"),
-    Entry("mean", "handbench.methods.mean:create", "mean texture under the mean light: the floor"),
+    Entry(
+        "oracle",
+        "handbench.methods.oracle:create",
+        "the path-traced truth fed back: perfect, or the run is wrong",
+        presets=False,
+    ),
+    Entry("mean", "handbench.methods.mean:create", "mean texture under the mean light: the floor", presets=False),
     Entry(
         "phong", "handbench.methods.phong:create", "mean texture, Phong reflectance, fitted on the training subjects"
     ),

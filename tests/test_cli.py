@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
-from typing import IO
 
 import pytest
 
@@ -33,48 +33,6 @@ def test_help_imports_nothing_heavy():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "usage: handbench" in done.stdout
-
-
-def test_a_command_ends_at_once_with_its_code_and_all_it_printed():
-    code = (
-        "import atexit, sys, handbench.cli as cli\n"
-        "class Slow:\n    def __del__(self): print('taken apart')\n"
-        "slow = Slow()\n"
-        "atexit.register(print, 'asked for')\n"
-        "cli.main = lambda: print('done') or 3\n"
-        "cli.command()\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (3, "done\nasked for\n")
-
-
-def _listed(into: IO[bytes]) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "handbench.cli", "list"]
-    return subprocess.run(command, stdout=into, stderr=subprocess.PIPE, text=True, check=False)
-
-
-def test_a_reader_that_leaves_is_no_error():
-    reader = subprocess.Popen(["true"], stdin=subprocess.PIPE)
-    assert reader.wait() == 0 and reader.stdin is not None
-    done = _listed(reader.stdin)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a disk that is always full")
-def test_a_full_disk_behind_the_output_is_one_sentence():
-    with Path("/dev/full").open("wb") as full:
-        done = _listed(full)
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1 and "a disk is full" in done.stderr
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a disk that is always full")
-def test_an_error_keeps_its_code_when_the_output_cannot_be_written_either(monkeypatch):
-    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)  # so that the end finds something to write
-    code = "import handbench.cli as cli\ncli.main = lambda: print('so far') or 2\ncli.command()\n"
-    with Path("/dev/full").open("wb") as full:
-        done = subprocess.run([sys.executable, "-c", code], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-    assert (done.returncode, done.stderr) == (2, "")
 
 
 def test_list_does_not_load_what_it_lists(capsys):
@@ -107,26 +65,71 @@ def test_bad_input_is_one_line_and_exit_code_2(command, message, capsys, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
-def test_debug_shows_the_traceback(monkeypatch):
+def test_debug_shows_the_traceback(monkeypatch, capsys):
     monkeypatch.setenv("HANDBENCH_DEBUG", "1")
-    with pytest.raises(InputError):
-        main(["run", "quik"])
+    assert main(["run", "quik"]) == 2
+    err = capsys.readouterr().err
+    assert "Traceback" in err and err.endswith("did you mean 'quick'?\n")
 
 
-@pytest.mark.parametrize("arguments", [["--seeds", "a"], ["--seeds", "-1"], ["--methods", ","], ["--fast"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *(
+            ["run", "quick", "--seeds", text]
+            for text in ("a", "-1", "", "0,,1", "9223372036854775808", "9" * 5000, "٣")
+        ),
+        *(["run", "quick", *wrong] for wrong in (["--methods", ","], ["--fast"], ["--preset", ""], ["--cpus", "0"])),
+        ["check", "mean", "--preset", " "],
+        ["geometry", "smoke", "--seed", "-1"],
+        ["gate", "a", "--baseline", "b", "--quality", "psnr=1e999"],
+        ["gate", "a", "--baseline", "b", "--quality", f"{'9' * 400}%"],
+    ],
+)
 def test_arguments_that_make_no_sense(arguments, capsys):
     with pytest.raises(SystemExit) as stop:
-        main(["run", "quick", *arguments])
+        main(arguments)
     assert stop.value.code == 2 and "Traceback" not in capsys.readouterr().err
 
 
-def test_stopping_is_told(monkeypatch, capsys):
+def test_stopping_is_told_and_what_is_kept_only_by_verbs_that_keep_it(monkeypatch, capsys):
     def stop(*arguments: object, **named: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(run, "run", stop)
+    monkeypatch.setattr(check, "check", stop)
     assert main(["run", "smoke"]) == 130
-    assert "what was finished is kept" in capsys.readouterr().err
+    assert capsys.readouterr().err.endswith("what was finished is kept, the same command goes on from there\n")
+    assert main(["check", "mean"]) == 130
+    assert capsys.readouterr().err == "handbench: stopped\n"
+
+
+@pytest.mark.parametrize(
+    "command", [["check", "mean"], ["check", "oracle"], ["run", "smoke", "--methods", "mean,oracle"]]
+)
+def test_a_preset_that_no_method_has_is_refused(command, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main([*command, "--preset", "nonsense"]) == 2
+    assert "there is no preset 'nonsense'" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_targets_are_looked_at_before_the_work(capsys, tmp_path, monkeypatch):
+    def work(*arguments: object, **named: object) -> None:
+        raise AssertionError("worked before the target was looked at")
+
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("handbench.bench.speed.study.study", work)
+    monkeypatch.setattr("handbench.bench.stress.run.stress", work)
+    monkeypatch.setattr("handbench.methods.geometry.study.run", work)
+    monkeypatch.setattr("handbench.cli.data._capture", work)
+    monkeypatch.setattr("handbench.bench.score._asked", work)
+    for verb in (["speed"], ["stress"], ["geometry", "smoke"], ["data", "show", "openstage"]):
+        for target in (tmp_path / "file" / "below", Path("/dev/null")):
+            assert main([*verb, "--out", str(target)]) == 2
+            assert re.search("is a (file|device)|Not a directory", capsys.readouterr().err)
+    assert main(["score", "smoke", str(tmp_path), "--out", str(tmp_path / "run")]) == 2
+    assert "is in the prediction folder, which is only read" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("crashed", "code"), [((), 0), (("urhand s01 seed 0: crashed",), 1)])

@@ -19,6 +19,7 @@ from ..registry import CAPTURES, METHODS
 from ..scene import Frame, Observation, Prediction, Query
 from .cell import CaptureReader, blame, light_refusal
 from .laws import LINEAR, deviation, deviations, drawing
+from .plan import check_preset
 from .progress import steps
 from .protocol import Protocol, Selected, resolve
 
@@ -41,6 +42,7 @@ def check(name: str, protocol: Protocol, preset: str | None = None, data: Path |
 
     Raises `InputError` for an unknown method, a protocol that does not fit its capture, and a damaged capture.
     """
+    check_preset((METHODS.entry(name),), preset)
     method = METHODS.load(name)(preset=preset or protocol.preset_of(name))
     source = CAPTURES.load(protocol.capture)
     with steps() as told:

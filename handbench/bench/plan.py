@@ -114,6 +114,13 @@ def method_entries(names: Iterable[str], extra: Sequence[Entry] = ()) -> dict[st
     return {name: known.get(name) or METHODS.entry(name) for name in names}
 
 
+def check_preset(entries: Sequence[Entry], preset: str | None) -> None:
+    """Raises `InputError` for a preset that is asked for where no method tells presets apart."""
+    names = [entry.name for entry in entries if not entry.presets]
+    if preset is not None and not any(entry.presets for entry in entries):
+        raise InputError(f"there is no preset {preset!r}: {', '.join(names)} has none; leave the preset out")
+
+
 def make_method(entry: Entry, preset: str) -> Method:
     """The method of a plug-in with a preset. Raises `InputError` for an unknown preset and for a broken plug-in."""
     try:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import TypeAlias
 
 from ..method import Progress
+from ..terminal import complain, console, printable
 
 Steps: TypeAlias = Callable[[str], Progress]  # a label to the progress of that piece of work
 
@@ -37,21 +38,26 @@ def _lines(label: str) -> Progress:
         last = now
         took = now - start
         rest = "" if step >= total or not step else f", {_clock(took / step * (total - step))} left"
-        print(f"{label} {step}/{total}{_values(values)} ({_clock(took)}{rest})", file=sys.stderr, flush=True)
+        complain(f"{label} {step}/{total}{_values(values)} ({_clock(took)}{rest})")
 
     return tell
 
 
 @contextmanager
 def _bars() -> Iterator[Steps]:
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[values]}"))
-    bars = Bars(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=Console(stderr=True), transient=True)
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[values]}", markup=False),
+    )
+    bars = Bars(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console(stderr=True), transient=True)
 
     def told(label: str) -> Progress:
+        label = printable(label)
         task = None
         start = time.monotonic()
 

@@ -119,7 +119,9 @@ class Results:
                 raise InputError("a query is one SELECT; results are only read")
             cursor = self._connection.execute(statements[0])
             return Answer(tuple(name for name, *_ in cursor.description), cursor.fetchall())
-        except duckdb.Error as error:
+        except InputError:
+            raise
+        except Exception as error:  # DuckDB's own, and Python's for values that it has no type for
             raise InputError(f"the query cannot be answered: {_sentence(str(error))}") from error
 
     def cells(self, run: Run) -> list[dict[str, Any]]:
@@ -264,5 +266,7 @@ def _plain(path: Path, folder: Path) -> Path:
 
 def _sentence(text: str) -> str:
     """DuckDB's message on one line, without the picture of where in the query it is."""
+    if "'pytz'" in text:
+        return "a time with a zone has no Python type here; write CAST(… AS VARCHAR)"
     said = " ".join(text.partition("\nLINE ")[0].split())
     return said + ('; it is a word of SQL, so write "column" with its quotes' if 'near "column"' in said else "")

@@ -13,7 +13,7 @@ from ..errors import InputError, unknown_name
 from ..registry import PROTOCOLS, Entry
 from .describe import about_protocol, about_run
 from .executor import Done, Job, Site, finished, work
-from .plan import Cell, Plan, Shard, default_methods
+from .plan import Cell, Plan, Shard, check_preset, default_methods
 from .progress import Steps, steps
 from .protocol import Protocol
 from .store import Store
@@ -76,6 +76,7 @@ def run(
     folder, chosen = out or Path("runs") / protocol.name, None if seeds is None else tuple(seeds)
     job = Job(protocol, names, chosen, preset, folder, data, tuple(command), tuple(extra))
     _check_executor(executor, cpus)
+    check_preset(tuple(job.entries.values()), preset)
     # What is mistyped is told before a capture is generated; what this folder has run before is not loaded to know.
     known = _known(job.store, protocol, {name: job.presets[name] for name in job.entries})
     tools = None if known else job.make_tools()

@@ -34,6 +34,8 @@ def score(
     """
     if name is not None and not name_fits(name):
         raise InputError(f"name {name!r} cannot be a method's; use letters, digits, points, dashes and underscores")
+    if out is not None and out.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{out} is in the prediction folder, which is only read; choose another folder with --out")
     with steps() as told:
         asked, _, _ = _asked(protocol, data, told)
     found = read_folder(folder, asked, allow_missing)

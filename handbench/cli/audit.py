@@ -8,6 +8,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from ..terminal import say
+
 
 def add(verbs: Any) -> None:
     audit = verbs.add_parser("audit", help="check a finished run: calibration, leaks, pixels, scores, NaN, keys")
@@ -27,8 +29,8 @@ def _audit(arguments: argparse.Namespace) -> int:
     for verdict in audit(arguments.run, tables, arguments.protocol, arguments.data):
         verdicts.append(verdict)
         if not arguments.json:
-            print(f"{verdict.law:<22} {words[verdict.holds]:<7} {verdict.detail}", flush=True)
+            say(f"{verdict.law:<22} {words[verdict.holds]:<7} {verdict.detail}")
     if arguments.json:
         told = [{"check": v.law, "verdict": words[v.holds], "detail": v.detail} for v in verdicts]
-        print(json.dumps(told, indent=1, ensure_ascii=False))
+        say(json.dumps(told, indent=1))
     return 1 if any(verdict.holds is False for verdict in verdicts) else 0

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..terminal import say
+
 _KINDS = ("protocols", "methods", "metrics", "captures")
 
 
@@ -26,7 +28,7 @@ def _list(arguments: argparse.Namespace) -> int:
     for kind in [arguments.kind] if arguments.kind else _KINDS:
         entries = tables[kind].entries().values()
         width = max((len(entry.name) for entry in entries), default=0)
-        print(kind)
+        say(kind)
         for entry in entries:
-            print(f"  {entry.name:<{width}}  {entry.summary}")
+            say(f"  {entry.name:<{width}}  {entry.summary}")
     return 0

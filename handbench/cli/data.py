@@ -6,11 +6,15 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ..terminal import say
+
+_ELSEWHERE = "choose another place with --out"
+
 
 def add(verbs: Any) -> None:
     data = verbs.add_parser("data", help="make and show captures").add_subparsers(required=True, metavar="VERB")
     make = data.add_parser("make", help="generate what is missing of a capture")
-    make.set_defaults(verb=_data_make)
+    make.set_defaults(verb=_data_make, resumes=True)
     show = data.add_parser("show", help="summarise a capture and draw a contact sheet")
     show.add_argument("--out", type=Path, metavar="PNG", help="the picture (default: CAPTURE.png)")
     show.set_defaults(verb=_data_show)
@@ -22,18 +26,21 @@ def add(verbs: Any) -> None:
 
 def _data_make(arguments: argparse.Namespace) -> int:
     capture = _capture(arguments)
-    print(f"{capture.name}: {len(capture.frames())} frames, digest {capture.digest[:16]}")
+    say(f"{capture.name}: {len(capture.frames())} frames, digest {capture.digest[:16]}")
     return 0
 
 
 def _data_show(arguments: argparse.Namespace) -> int:
     from ..data.contactsheet import summary, write_contact_sheet
+    from ..files import check_file
 
+    if arguments.out is not None:
+        check_file(arguments.out, _ELSEWHERE)
     capture = _capture(arguments)
-    print(summary(capture))
     path = arguments.out or Path(f"{capture.name}.png")
     write_contact_sheet(capture, path)
-    print(f"contact sheet: {path}")
+    say(summary(capture))
+    say(f"contact sheet: {path}")
     return 0
 
 

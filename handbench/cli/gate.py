@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 from collections.abc import Iterable
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .shared import names, show
+from ..terminal import complain, say, show
+from .shared import names
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from ..bench.gate import Check, Outcome
 
-_CODES = "exit codes: 0 pass, 1 regression, 2 not comparable or bad input, 3 the candidate run failed"
+_CODES = (
+    "exit codes: 0 pass, 1 regression, 2 not comparable or bad input, 3 the candidate run failed; others as everywhere"
+)
+_PERCENT = re.compile(r"(\d{1,20}(?:\.\d{1,20})?)\s*%", re.ASCII)
+_AMOUNT = re.compile(r"([\w-]+)\s*=\s*(\d{1,20}(?:\.\d{1,20})?(?:e-?\d{1,3})?)", re.ASCII)
+_MOST = 1e6  # a threshold above lets everything pass
 _STYLES = {"regression": "bold red", "worse": "yellow", "better": "green", "same": ""}
 
 
@@ -47,13 +52,13 @@ def _gate(arguments: argparse.Namespace) -> int:
     time, asked = _time(arguments.time)
     outcome = gate(candidate, baseline, Quality(share, amounts), time, asked, arguments.methods)
     if arguments.json:
-        print(_json(outcome))
+        say(_json(outcome))
     else:
         for place, checks in groupby(outcome.checks, key=lambda check: check.column):
             show(_table(place or "Time of a frame", checks))
         for remark in outcome.remarks:
-            print(remark)
-        print(f"handbench: {outcome.sentence}", file=sys.stderr if outcome.verdict else sys.stdout)
+            say(remark)
+        (complain if outcome.verdict else say)(f"handbench: {outcome.sentence}")
     return int(outcome.verdict)
 
 
@@ -61,10 +66,10 @@ def _quality(text: str) -> tuple[float, dict[str, float]]:
     """ "0.5%,psnr=0.1" is (0.005, {"psnr": 0.1}); 1 % is the share unless another is given."""
     share, amounts = 0.01, {}
     for part in (piece.strip() for piece in text.split(",")):
-        if found := re.fullmatch(r"(\d+(?:\.\d+)?)\s*%", part):
-            share = float(found[1]) / 100
-        elif found := re.fullmatch(r"([\w-]+)\s*=\s*(\d+(?:\.\d+)?(?:e-?\d+)?)", part):
-            amounts[found[1]] = float(found[2])
+        if (found := _percent(part)) is not None:
+            share = found
+        elif (given := _AMOUNT.fullmatch(part)) and float(given[2]) <= _MOST:
+            amounts[given[1]] = float(given[2])
         else:
             raise argparse.ArgumentTypeError(f"{part!r} is no threshold; give a share (1%) or an amount (psnr=0.1)")
     return share, amounts
@@ -80,10 +85,16 @@ def _time(text: str | None) -> tuple[float | None, bool]:
 def _share(text: str) -> float:
     from ..errors import InputError
 
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*%", text.strip())
-    if not found:
+    found = _percent(text.strip())
+    if found is None:
         raise InputError(f"time {text!r} is no threshold; give a share such as 25%, or off")
-    return float(found[1]) / 100
+    return found
+
+
+def _percent(text: str) -> float | None:
+    """ "25%" is 0.25; None for anything else, and for a share that nothing could exceed."""
+    found = _PERCENT.fullmatch(text)
+    return float(found[1]) / 100 if found and float(found[1]) <= _MOST else None
 
 
 def _table(title: str, checks: Iterable[Check]) -> Table:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import sys
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import InputError
-from .shared import show
+from ..terminal import complain, say, show
 
 if TYPE_CHECKING:
     from ..scene import Array
@@ -74,17 +73,17 @@ def _compare(arguments: argparse.Namespace) -> int:
         found.append(table.Line(flicker.FLICKER, {"": flicker.flicker(kept)}))
 
     if arguments.format == "csv":
-        print(table.render_csv(found), end="")
+        say(table.render_csv(found), end="")
         for remark in remarks:
-            print(f"handbench: {remark}", file=sys.stderr)
+            complain(f"handbench: {remark}")
     elif arguments.format == "markdown":
-        print(table.render_markdown(found, remarks), end="")
+        say(table.render_markdown(found, remarks), end="")
     else:
         means = f"; means of {len(files)} files" if len(files) > 1 else ""
-        print(f"{arguments.prediction} against {arguments.truth}{means}")
-        print(f"the mask covers {100 * sum(shares) / len(shares):.1f} % of the picture")
+        say(f"{arguments.prediction} against {arguments.truth}{means}")
+        say(f"the mask covers {100 * sum(shares) / len(shares):.1f} % of the picture")
         show(table.render_terminal(found))
-        print("\n".join(table.notes(found, remarks)))
+        say("\n".join(table.notes(found, remarks)))
     return 0
 
 

@@ -6,11 +6,12 @@ import argparse
 import csv
 import importlib
 import json
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .shared import show
+from ..terminal import say, show
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -49,13 +50,13 @@ def _report(arguments: argparse.Namespace) -> int:
     if arguments.format in ("html", "figures"):
         _check_page(arguments)
         files = reports.write_reports(arguments.run[0], figures=arguments.format == "figures")
-        print(files["index.html"] if arguments.format == "html" else arguments.run[0] / "report" / "figures")
+        say(files["index.html"] if arguments.format == "html" else arguments.run[0] / "report" / "figures")
         return 0
     table = reports.table(*arguments.run, baseline=arguments.baseline)
     if arguments.format == "terminal":
         show(reports.render_terminal(table))
     else:
-        print(getattr(reports, f"render_{arguments.format}")(table), end="")
+        say(getattr(reports, f"render_{arguments.format}")(table), end="")
     return 0
 
 
@@ -88,11 +89,22 @@ def _query(arguments: argparse.Namespace) -> int:
         writer = csv.writer(sys.stdout, lineterminator="\n")
         writer.writerows([answer.columns, *answer.rows])
     elif arguments.format == "json":
-        rows = [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
-        print(json.dumps(rows, indent=1, default=str))
+        rows = [dict(zip(answer.columns, map(_plain, row), strict=True)) for row in answer.rows]
+        say(json.dumps(rows, indent=1, allow_nan=False))
     else:
         show(_grid(answer))
     return 0
+
+
+def _plain(value: object) -> object:
+    """A value of SQL as one of JSON, which has no NaN, no infinity and no dates."""
+    if isinstance(value, dict):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
 
 
 def _grid(answer: Answer) -> Table:

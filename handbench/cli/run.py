@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .shared import names, numbers, report
+from ..terminal import complain, say
+from .shared import names, numbers, preset, report
 
 
 def add(verbs: Any) -> None:
@@ -15,7 +16,7 @@ def add(verbs: Any) -> None:
     run.add_argument("protocol", help="a name that 'handbench list protocols' shows, or a TOML file")
     run.add_argument("--methods", type=names, metavar="A,B", help="instead of the protocol's methods")
     run.add_argument("--seeds", type=numbers, metavar="0,1", help="instead of the protocol's seeds")
-    run.add_argument("--preset", metavar="NAME", help="one preset for all methods")
+    run.add_argument("--preset", type=preset, metavar="NAME", help="one preset for all methods")
     run.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: runs/PROTOCOL)")
     run.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
     run.add_argument("--device", default="cpu", help="where networks run: cpu (default), cuda, cuda:1, …")
@@ -26,12 +27,12 @@ def add(verbs: Any) -> None:
     run.add_argument(
         "--cpus", type=_cores, metavar="N", help="with ray, cores for each cell (default: the smallest node's)"
     )
-    run.set_defaults(verb=_run)
+    run.set_defaults(verb=_run, resumes=True)
 
     check = verbs.add_parser("check", help="try the laws of the method interface on a method")
     check.add_argument("method", help="a name that 'handbench list methods' shows")
     check.add_argument("--protocol", default="smoke", help="whose frames to try it on (default: smoke)")
-    check.add_argument("--preset", metavar="NAME")
+    check.add_argument("--preset", type=preset, metavar="NAME")
     check.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
     check.set_defaults(verb=_check)
 
@@ -56,14 +57,14 @@ def _run(arguments: argparse.Namespace) -> int:
     if not outcome.missing:
         page = report(outcome.folder)
     part = "" if shard is None else f"shard {shard}: "
-    print(f"{part}{outcome.computed} cells computed, {outcome.reused} reused; run folder: {outcome.folder}")
+    say(f"{part}{outcome.computed} cells computed, {outcome.reused} reused; run folder: {outcome.folder}")
     if outcome.missing:
-        print(f"not there yet, of other shards: {len(outcome.missing)} cells, {_some(outcome.missing)}")
-        print("the report is written by the shard that finishes last, or by the same command without --shard")
+        say(f"not there yet, of other shards: {len(outcome.missing)} cells, {_some(outcome.missing)}")
+        say("the report is written by the shard that finishes last, or by the same command without --shard")
     else:
-        print(f"report: {page}")
+        say(f"report: {page}")
     for crash in outcome.crashed:
-        print(f"handbench: {crash}", file=sys.stderr)
+        complain(f"handbench: {crash}")
     return 1 if outcome.crashed else 0
 
 
@@ -80,5 +81,5 @@ def _check(arguments: argparse.Namespace) -> int:
     verdicts = check(arguments.method, find_protocol(arguments.protocol), arguments.preset, arguments.data)
     words = {True: "holds", False: "BROKEN", None: "n/a"}
     for verdict in verdicts:
-        print(f"{verdict.law:<12} {words[verdict.holds]:<7} {verdict.detail}")
+        say(f"{verdict.law:<12} {words[verdict.holds]:<7} {verdict.detail}")
     return 1 if any(verdict.holds is False for verdict in verdicts) else 0

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..terminal import complain, say
 from .shared import report
 
 
@@ -24,7 +25,7 @@ def add(verbs: Any) -> None:
     score.add_argument(
         "--allow-missing", action="store_true", help="score what is there; the rest is told as missing, with reasons"
     )
-    score.set_defaults(verb=_score)
+    score.set_defaults(verb=_score, resumes=True)
 
 
 def _score(arguments: argparse.Namespace) -> int:
@@ -36,21 +37,21 @@ def _score(arguments: argparse.Namespace) -> int:
     protocol = find_protocol(arguments.protocol)
     if arguments.template is not None:
         count = template(protocol, arguments.template, arguments.data, arguments.images)
-        print(f"{count} pictures are asked for, see {arguments.template / 'asked' / 'queries.json'}")
-        print(f"draw them, complete {arguments.template / 'manifest.json'}, and score the folder")
+        say(f"{count} pictures are asked for, see {arguments.template / 'asked' / 'queries.json'}")
+        say(f"draw them, complete {arguments.template / 'manifest.json'}, and score the folder")
         return 0
     command = ["handbench", *sys.argv[1:]]
     chosen = (arguments.out, arguments.data, arguments.name, arguments.allow_missing)
     try:
         outcome = score(protocol, arguments.folder, *chosen, command)
     except Unfit as error:
-        print("\n".join(error.lines), file=sys.stderr)
+        complain("\n".join(error.lines))
         raise
     page = report(outcome.folder)
-    print(f"run folder: {outcome.folder}")
-    print(f"report: {page}")
+    say(f"run folder: {outcome.folder}")
+    say(f"report: {page}")
     for crash in outcome.crashed:
-        print(f"handbench: {crash}", file=sys.stderr)
+        complain(f"handbench: {crash}")
     return 1 if outcome.crashed else 0
 
 

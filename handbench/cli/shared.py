@@ -1,25 +1,22 @@
-"""What several verbs need: printing, the report of a finished run, lists of names and numbers."""
+"""What several verbs need: the report of a finished run, and what their options may be."""
 
 from __future__ import annotations
 
 import argparse
 import importlib
 from pathlib import Path
-from typing import Any
 
-
-def show(renderable: Any) -> None:
-    from rich.console import Console
-
-    Console().print(renderable)
+_LARGEST_SEED = 2**63 - 1  # what databases and random generators take
 
 
 def report(folder: Path) -> Path:
-    """Print the table of a run, write its reports and return its page."""
+    """Write the reports of a run, then print its table, and return its page."""
+    from ..terminal import show
+
     reports = importlib.import_module("handbench.reports")
     table = reports.table(folder)
-    show(reports.render_terminal(table))
     page: Path = reports.write_reports(folder, table=table)["index.html"]
+    show(reports.render_terminal(table))
     return page
 
 
@@ -30,11 +27,17 @@ def names(text: str) -> tuple[str, ...]:
     return found
 
 
+def preset(text: str) -> str:
+    if not text.strip():
+        raise argparse.ArgumentTypeError("a preset has a name; leave the option out for the protocol's")
+    return text
+
+
+def seed(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 20 and int(text) <= _LARGEST_SEED):
+        raise argparse.ArgumentTypeError(f"{text!r} is no seed; give a whole number from 0 to {_LARGEST_SEED}")
+    return int(text)
+
+
 def numbers(text: str) -> tuple[int, ...]:
-    try:
-        found = tuple(int(number) for number in text.split(","))
-    except ValueError:
-        found = ()
-    if not found or min(found) < 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no list of whole numbers such as 0,1,2")
-    return found
+    return tuple(seed(number.strip()) for number in text.split(","))

@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .shared import names, show
+from ..terminal import say, show
+from .shared import names, preset, seed
 
 
 def add(verbs: Any) -> None:
@@ -27,8 +28,8 @@ def add(verbs: Any) -> None:
 
     geometry = verbs.add_parser("geometry", help="train the hand geometry autoencoder and measure its errors")
     geometry.add_argument("protocol", help="whose subjects and frames; 'handbench list protocols' shows names")
-    geometry.add_argument("--preset", metavar="NAME")
-    geometry.add_argument("--seed", type=int, default=0)
+    geometry.add_argument("--preset", type=preset, metavar="NAME")
+    geometry.add_argument("--seed", type=seed, default=0)
     geometry.add_argument("--out", type=Path, metavar="DIR", help="where results go (default: runs/geometry)")
     geometry.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
     geometry.set_defaults(verb=_geometry)
@@ -37,16 +38,21 @@ def add(verbs: Any) -> None:
 def _stress(arguments: argparse.Namespace) -> int:
     from ..bench.stress.record import render
     from ..bench.stress.run import chosen_cases, stress
+    from ..files import check_folder
 
     if arguments.list:
         for case in chosen_cases(arguments.methods, arguments.only):
-            print(f"{case.id}  {case.expected.text}")
+            say(f"{case.id}  {case.expected.text}")
         return 0
+    check_folder(arguments.out)
     done = stress(arguments.out, arguments.methods, arguments.only, ["handbench", *sys.argv[1:]])
-    show(render(done.results, done.seconds))
-    print(f"all cases: {done.path}")
+    page = None
     if (arguments.out / "run.json").is_file():  # the folder of a run, whose page shows them
-        print(f"report: {importlib.import_module('handbench.reports').write_reports(arguments.out)['index.html']}")
+        page = importlib.import_module("handbench.reports").write_reports(arguments.out)["index.html"]
+    show(render(done.results, done.seconds))
+    say(f"all cases: {done.path}")
+    if page is not None:
+        say(f"report: {page}")
     return 0 if done.passed else 1
 
 
@@ -54,7 +60,9 @@ def _speed(arguments: argparse.Namespace) -> int:
     from ..bench.progress import steps
     from ..bench.speed.record import write
     from ..bench.speed.study import study
+    from ..files import check_folder
 
+    check_folder(arguments.out)
     with steps() as told:
         found = study(arguments.methods, arguments.quick, ["handbench", *sys.argv[1:]], told)
     path = write(arguments.out, found)
@@ -64,16 +72,19 @@ def _speed(arguments: argparse.Namespace) -> int:
     else:
         page = speed.write_speed_report(arguments.out)
     show(speed.render_speed(found))
-    print(f"raw repeats: {path}")
-    print(f"report: {page}")
+    say(f"raw repeats: {path}")
+    say(f"report: {page}")
     return 0
 
 
 def _geometry(arguments: argparse.Namespace) -> int:
+    from ..files import check_folder
+
+    out = arguments.out or Path("runs") / "geometry"
+    check_folder(out)
     study = importlib.import_module("handbench.methods.geometry.study")
     command = ["handbench", *sys.argv[1:]]
-    out = arguments.out or Path("runs") / "geometry"
     found = study.run(arguments.protocol, out, arguments.data, arguments.preset, arguments.seed, command)
     show(study.render(found["table"]))
-    print(f"every frame: {out / study.RESULT}")
+    say(f"every frame: {out / study.RESULT}")
     return 0

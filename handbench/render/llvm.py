@@ -16,6 +16,8 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
+from ..terminal import complain
+
 VECTORISED = "llvm_ad_rgb"
 SCALAR = "scalar_rgb"
 
@@ -55,10 +57,9 @@ def choose_variant() -> str:
                 _write_proven([*proven, key])
             os.environ["DRJIT_LIBLLVM_PATH"] = library
             return VECTORISED
-    print(
+    complain(
         "path tracing with scalar_rgb, several times slower: no working LLVM library was found; "
-        "install libllvm19 (apt install libllvm19) or set DRJIT_LIBLLVM_PATH",
-        file=sys.stderr,
+        "install libllvm19 (apt install libllvm19) or set DRJIT_LIBLLVM_PATH"
     )
     return SCALAR
 

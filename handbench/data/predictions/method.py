@@ -63,7 +63,7 @@ def entry_of(found: PredictionFolder, name: str) -> Entry:
     manifest = found.manifest
     settings = {"folder": str(found.path.absolute()), "name": name, "title": manifest.title, "note": manifest.note}
     settings |= {"times": told, "content": found.digest}
-    return Entry(name, f"{__name__}:create", FIDELITY, tuple(settings.items()))
+    return Entry(name, f"{__name__}:create", FIDELITY, tuple(settings.items()), presets=False)
 
 
 def create(preset: str = "quick", *, folder: str, name: str, title: str, note: str, times: str, content: str) -> Method:
