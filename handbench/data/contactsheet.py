@@ -61,7 +61,7 @@ def contact_sheet(capture: Capture, cell_height: int = 112) -> Image.Image:
 def _shown(frames: Sequence[Frame], row: int, column: int) -> Frame:
     """The frame of a cell: lights take turns, single ones only among those on the camera's side of the hand."""
     camera = frames[0].camera
-    towards = -camera.world_to_camera[2, :3]
+    towards = -camera.rotation[2]
     front = [f for f in frames if isinstance(f.light, Directional) and f.light.direction @ towards > 0.2]
     choices = front or frames
     return choices[(5 * row + 7 * column) % len(choices)]

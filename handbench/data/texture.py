@@ -81,12 +81,11 @@ class _TexelSurface:
         to_camera = camera.centre - self.position
         to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
         cosine = (self.normal * to_camera).sum(axis=1)
-        rotation, translation = camera.world_to_camera[:, :3], camera.world_to_camera[:, 3]
-        projected = (self.position @ rotation.T + translation) @ camera.K.T
-        in_front = projected[:, 2] > 0
-        pixel = projected[:, 1::-1].T / np.where(in_front, projected[:, 2], 1.0) - 0.5  # row, column of pixel centres
+        places, _ = camera.project(self.position)
+        behind = np.isnan(places)  # the camera: counts as outside the picture
+        pixel = np.where(behind, -1.0, places)[:, ::-1].T - 0.5  # row, column of pixel centres
         alpha = map_coordinates(observation.alpha, pixel, order=1, cval=0.0)
-        facing = np.flatnonzero((cosine > 0) & in_front & (alpha > _EDGE))
+        facing = np.flatnonzero((cosine > 0) & (alpha > _EDGE))
         origin = self.position[facing] + self.scene.epsilon * self.normal[facing]
         hidden = self.scene.occluded(origin, camera.centre - origin, far=1.0)
         weight = np.zeros(len(cosine))

@@ -41,9 +41,8 @@ def sensor(camera: Camera) -> dict[str, Any]:
         raise InputError(
             f"camera {camera.name!r}: scalar_rgb needs square pixels without skew, K is {camera.K.tolist()}"
         )
-    rotation = camera.world_to_camera[:, :3].T
     pose = np.eye(4)
-    pose[:3, :3] = rotation @ np.diag([-1.0, -1.0, 1.0])  # Mitsuba looks along +z with +x left and +y up
+    pose[:3, :3] = camera.rotation.T @ np.diag([-1.0, -1.0, 1.0])  # Mitsuba looks along +z with +x left and +y up
     pose[:3, 3] = camera.centre
     return {
         "type": "perspective",

@@ -99,9 +99,7 @@ def _sample_table(spp: int, grid: int, dimensions: int, seed: int) -> Any:
 
 def camera_ray(camera: Camera, x: Any, y: Any) -> Any:
     """Rays through raster positions (x, y), in pixels; OpenCV pinhole."""
-    inverse = np.linalg.inv(camera.K)
-    rotation = camera.world_to_camera[:, :3].T
-    matrix = mi.Matrix3f((rotation @ inverse).tolist())
+    matrix = mi.Matrix3f(camera.ray_matrix.T.tolist())
     matrix, origin = dr.opaque(mi.Matrix3f, 0.0) + matrix, mi.Point3f(dr.opaque(mi.Float, 0.0))
     origin += mi.Point3f(*(dr.opaque(mi.Float, float(c)) for c in camera.centre))
     return mi.Ray3f(origin, dr.normalize(matrix @ mi.Vector3f(x, y, 1.0)))

@@ -82,13 +82,13 @@ class PathTracer:
         Raises `Unsupported` for an unknown light.
         """
         singles = [leaf for light in lights for leaf in known_leaves(light)]
-        window = _window(surface, camera)
+        box = camera.box(surface.mesh.vertices)
         images = np.zeros((len(lights), camera.height, camera.width, 3), np.float32)
-        if not singles or window is None:
+        if not singles or not box.pixels:
             return images
         mi.set_variant(self._variant)
         self._load(surface)
-        x0, y0, x1, y1 = window
+        x0, y0, x1, y1 = box
         if self._variant == VECTORISED:
             rows = max(1, _PATHS // (spp * (x1 - x0)))
             bands = [(x0, top, x1, min(top + rows, y1)) for top in range(y0, y1, rows)]
@@ -150,21 +150,9 @@ def _central_uv(raster: Raster) -> Array:
     """UV (H, W, 2) of each pixel's covered sample nearest its centre."""
     camera, mesh = raster.camera, raster.mesh
     points = np.einsum("sk,skc->sc", raster.barycentric, mesh.vertices[mesh.topology.faces[raster.face]])
-    projected = (points @ camera.world_to_camera[:, :3].T + camera.world_to_camera[:, 3]) @ camera.K.T
+    places, _ = camera.project(points)
     centre = np.stack([raster.pixel % camera.width, raster.pixel // camera.width], axis=1) + 0.5
-    nearest_last = np.argsort(-np.linalg.norm(projected[:, :2] / projected[:, 2:] - centre, axis=1), kind="stable")
+    nearest_last = np.argsort(-np.linalg.norm(places - centre, axis=1), kind="stable")
     uv = np.zeros((camera.height * camera.width, 2), np.float32)
     uv[raster.pixel[nearest_last]] = raster.uv[nearest_last]  # of repeated pixels the last is kept
     return uv.reshape(camera.height, camera.width, 2)
-
-
-def _window(surface: TracedSurface, camera: Camera) -> tuple[int, int, int, int] | None:
-    """Pixels (x0, y0, x1, y1) the mesh may cover: all if it reaches behind the camera, None if it misses."""
-    seen = surface.mesh.vertices @ camera.world_to_camera[:, :3].T + camera.world_to_camera[:, 3]
-    if (seen[:, 2] <= 1e-3).any():
-        return 0, 0, camera.width, camera.height
-    raster = seen @ camera.K.T
-    raster = raster[:, :2] / raster[:, 2:]
-    x0, y0 = np.maximum(np.floor(raster.min(axis=0)).astype(int), 0)
-    x1, y1 = np.minimum(np.ceil(raster.max(axis=0)).astype(int), (camera.width, camera.height))
-    return (int(x0), int(y0), int(x1), int(y1)) if x0 < x1 and y0 < y1 else None

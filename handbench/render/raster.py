@@ -158,23 +158,10 @@ def rasterise(mesh: Mesh, camera: Camera, supersample: int = 3) -> Raster:
 
 def _subsamples(mesh: Mesh, camera: Camera, supersample: int) -> tuple[Array, Array]:
     """Pixel (M,) and ray (M, 3) in the world, of length 1 along z, of the subsamples in the mesh's box."""
-    rotation, translation = camera.world_to_camera[:, :3], camera.world_to_camera[:, 3]
-    points = mesh.vertices @ rotation.T + translation
-    size = np.array([camera.width, camera.height])
-    if skips().outside_box and (points[:, 2] > 1e-6).all():
-        projected = points @ camera.K.T
-        projected = projected[:, :2] / projected[:, 2:]
-        low, high = np.floor(projected.min(axis=0)), np.ceil(projected.max(axis=0))
-    else:  # where part of the mesh is beside or behind the camera, its projection has no box
-        low, high = np.zeros(2), size
-    (left, top), (right, bottom) = (np.clip(edge, 0, size).astype(int) for edge in (low, high))
-    whole = camera.width * camera.height
-    note("camera rays", whole * supersample**2, (whole - (right - left) * (bottom - top)) * supersample**2)
-    offset = (np.arange(supersample) + 0.5) / supersample
-    columns = (np.arange(left, right)[:, None] + offset).ravel()
-    rows = (np.arange(top, bottom)[:, None] + offset).ravel()
-    # a ray is linear in column and row, so the grid is a sum of two small tables
-    across, along, middle = np.linalg.inv(camera.K).T @ rotation
-    rays = (rows[:, None] * along + middle).astype(np.float32)[:, None] + (columns[:, None] * across).astype(np.float32)
-    pixel = rows.astype(np.int32)[:, None] * camera.width + columns.astype(np.int32)
-    return pixel.ravel(), rays.reshape(-1, 3)
+    box = camera.box(mesh.vertices) if skips().outside_box else camera.whole
+    whole = camera.whole.pixels
+    note("camera rays", whole * supersample**2, (whole - box.pixels) * supersample**2)
+    columns = np.arange(box.left, box.right, dtype=np.int32).repeat(supersample)
+    rows = np.arange(box.top, box.bottom, dtype=np.int32).repeat(supersample)
+    pixel = rows[:, None] * camera.width + columns
+    return pixel.ravel(), camera.rays(supersample, box, np.float32).reshape(-1, 3)

@@ -16,7 +16,7 @@ from ..errors import InputError
 from .arrays import Array
 from .arrays import checked as _array
 from .arrays import put as _set
-from .camera import Camera
+from .camera import Box, Camera
 from .light import (
     FRAME_KINDS,
     KNOWN_LIGHTS,
@@ -43,6 +43,7 @@ __all__ = [
     "KNOWN_LIGHTS",
     "LIGHT_KINDS",
     "Array",
+    "Box",
     "Camera",
     "Directional",
     "Environment",

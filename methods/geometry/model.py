@@ -95,7 +95,7 @@ class GeometryModel(nn.Module):
 
     def beyond(self, picture: Tensor, camera: Camera, observed: Array, told: Pose) -> Tensor:
         """What a picture adds to the pose that its key points (P, 3) tell: (J + 2, 3) radians, the last one metres."""
-        seen = (observed - observed[self._wrist]) @ camera.world_to_camera[:, :3].T
+        seen = (observed - observed[self._wrist]) @ camera.rotation.T
         positions = torch.from_numpy(seen / _FAR).float()
         (found,) = self._run(self.pose_encoder, picture, positions, torch.tensor(told.joints).float())
         found = found * self._free

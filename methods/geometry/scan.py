@@ -53,11 +53,8 @@ def _unprojected(frame: Frame, seen: Observation) -> Scan:
     rows, columns = np.nonzero((seen.alpha > 0.999) & (depth > 0) & ~steep)
     if not len(rows):
         raise Unsupported(f"the geometry autoencoder needs pictures of a hand, and {frame.key} shows none")
-    z = depth[rows, columns].astype(np.float64)
-    rays = np.column_stack([columns + 0.5, rows + 0.5, np.ones(len(rows))]) @ np.linalg.inv(camera.K).T
-    rotation, centre = camera.world_to_camera[:, :3], camera.centre
-    points = rays * z[:, None] @ rotation + centre
-    back = centre - points
+    points = camera.unproject(np.column_stack([columns, rows]) + 0.5, depth[rows, columns].astype(np.float64))
+    back = camera.centre - points
     return Scan(
         points, back / np.linalg.norm(back, axis=1, keepdims=True), pixel[rows, columns].astype(np.float64) ** 2
     )
@@ -97,8 +94,7 @@ def _splat(x: Array, y: Array, values: Array, size: int) -> Array:
 
 def picture(image: Array, camera: Camera, points: Array, size: int) -> Tensor:
     """The square (3, size, size) of a picture around key points (P, 3), as sRGB display values."""
-    seen = (points @ camera.world_to_camera[:, :3].T + camera.world_to_camera[:, 3]) @ camera.K.T
-    pixels = seen[:, :2] / seen[:, 2:]
+    pixels, _ = camera.project(points)
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     half = 0.5 * _MARGIN * float((high - low).max())
     steps = (torch.arange(size) + 0.5) / size * 2.0 - 1.0

@@ -64,9 +64,7 @@ class BallCapture(Capture):
 
     def observe(self, frame: Frame) -> Observation:
         """Where the ray of a pixel meets the ball: colour = albedo / pi sum_i E_i max(0, n . w_i)."""
-        camera, rotation = frame.camera, frame.camera.world_to_camera[:, :3]
-        x, y = np.meshgrid(np.arange(SIZE) + 0.5, np.arange(SIZE) + 0.5)
-        rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T @ rotation
+        camera, rays = frame.camera, frame.camera.rays()
         away = camera.centre - frame.pose.translation
         a, b, c = (rays**2).sum(-1), rays @ away, away @ away - RADIUS**2
         root = b**2 - a * c
