@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +10,8 @@ import numpy as np
 from ..errors import InputError
 from ..files import whole
 from ..scene import Array
+from .exrheader import Part, opened, read_parts, the_part
+from .filekind import MAX_PIXELS
 
 
 def write_exr(path: Path, channels: Mapping[str, Array]) -> None:
@@ -37,48 +36,72 @@ def write_exr(path: Path, channels: Mapping[str, Array]) -> None:
             raise OSError(str(error)) from error
 
 
-def read_exr(path: Path) -> dict[str, Array]:
-    """The channels of an EXR file by name, each (H, W) float32.
+def read_exr(
+    path: Path,
+    names: Collection[str] | None = None,
+    part: str | None = None,
+    what: str = "image",
+    max_pixels: int = MAX_PIXELS,
+    finite: bool = True,
+) -> dict[str, Array]:
+    """Channels of an EXR file by name, each (H, W) float32 in the file's display window, zero where none is stored.
 
-    Raises `InputError` for a file that is missing, is no EXR, is truncated or has NaN or infinite pixels.
+    `names` are the channels that count, by default all: others never decide. `part` is needed where there are several.
+    Raises `InputError`, which calls the file `what`, if it is missing, no EXR, damaged or larger than `max_pixels`,
+    states primaries other than Rec. 709, lacks a channel, or if one that counts holds whole numbers, is subsampled,
+    or (unless `finite` is false) has NaN or infinite pixels.
     """
-    import OpenEXR
+    chosen = the_part(read_parts(path, what, max_pixels), part, path, what)
+    return read_channels(path, chosen, chosen.channels if names is None else names, what, finite)
 
-    if not path.is_file():
-        raise InputError(f"image {path} does not exist; generate the capture again or check its folder")
-    try:
-        with quiet_stderr(), OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = {name: channel.pixels.astype(np.float32) for name, channel in file.channels().items()}
-    except Exception as error:  # the binding raises plain RuntimeError, TypeError and others for damaged files
-        raise InputError(
-            f"image {path} is damaged or no EXR file ({error}); delete it and generate it again"
-        ) from error
-    for name, pixels in channels.items():
-        if not np.isfinite(pixels).all():
+
+def read_channels(
+    path: Path, part: Part, names: Collection[str], what: str = "image", finite: bool = True
+) -> dict[str, Array]:
+    """`read_exr` of a part whose header is known."""
+    if part.colours is not None:
+        raise InputError(f"{what} {path} states the primaries {part.colours}; convert it to linear Rec. 709")
+    for name in names:
+        if name not in part.channels:
+            raise _lacking(name, part.channels, path, what)
+        if part.channels[name] != (1, 1):
+            across, down = part.channels[name]
+            raise InputError(f"{what} {path}: channel {name!r} is subsampled {across}x{down}; write every pixel of it")
+    with opened(path, what) as file:
+        stored = {name: file.parts[part.index].channels[name].pixels for name in names}
+    found = {}
+    for name, pixels in stored.items():
+        if pixels.dtype not in (np.float16, np.float32):
             raise InputError(
-                f"image {path}: channel {name!r} has NaN or infinite pixels; delete it and generate it again"
+                f"{what} {path}: channel {name!r} holds whole numbers ({pixels.dtype}); write half or float"
             )
-    return channels
+        if finite and not np.isfinite(pixels).all():
+            raise InputError(f"{what} {path}: {not_finite(name, pixels)}; mend or clamp it")
+        found[name] = _placed(pixels.astype(np.float32), part)
+    return found
 
 
-_SILENCE = threading.Lock()
+def not_finite(name: str, pixels: Array) -> str:
+    """What is wrong with a channel (H, W) that has NaN or infinite pixels: how many, and where the first is."""
+    bad = ~np.isfinite(pixels)
+    row, column = np.unravel_index(int(bad.argmax()), bad.shape)
+    kind = "NaN" if np.isnan(pixels[row, column]) else "infinite"
+    count = int(np.count_nonzero(bad))
+    return f"channel {name!r} has {count} NaN or infinite pixels, the first ({kind}) in row {row}, column {column}"
 
 
-@contextmanager
-def quiet_stderr() -> Iterator[None]:
-    """Silence file descriptor 2: the C library prints a line for every damaged chunk, our error is enough.
-
-    The descriptor is the process's, so threads come one by one.
-    """
-    with _SILENCE:
-        saved, sink = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-        try:
-            os.dup2(sink, 2)
-            yield
-        finally:
-            os.dup2(saved, 2)
-            os.close(saved)
-            os.close(sink)
+def _placed(pixels: Array, part: Part) -> Array:
+    """A channel of the data window in the display window."""
+    data, display = part.data, part.display
+    if data == display:
+        return pixels
+    shown = np.zeros((display.height, display.width), pixels.dtype)
+    top, bottom = max(data.top, display.top), min(data.bottom, display.bottom) + 1
+    left, right = max(data.left, display.left), min(data.right, display.right) + 1
+    if top < bottom and left < right:
+        inner = pixels[top - data.top : bottom - data.top, left - data.left : right - data.left]
+        shown[top - display.top : bottom - display.top, left - display.left : right - display.left] = inner
+    return shown
 
 
 def rgb(image: Array, prefix: str = "", dtype: type = np.float16) -> dict[str, Array]:
@@ -88,7 +111,11 @@ def rgb(image: Array, prefix: str = "", dtype: type = np.float16) -> dict[str, A
 
 def stack(channels: Mapping[str, Array], names: tuple[str, ...], path: Path) -> Array:
     """Named channels as one (H, W, C) array; `InputError` if the file lacks one."""
-    missing = [name for name in names if name not in channels]
-    if missing:
-        raise InputError(f"image {path} has no channel {missing[0]!r}; it has {', '.join(sorted(channels))}")
+    for name in names:
+        if name not in channels:
+            raise _lacking(name, channels, path)
     return np.stack([channels[name] for name in names], axis=-1)
+
+
+def _lacking(name: str, channels: Collection[str], path: Path, what: str = "image") -> InputError:
+    return InputError(f"{what} {path} has no channel {name!r}; it has {', '.join(sorted(channels))}")

@@ -1,13 +1,15 @@
 """Pictures from anywhere: EXR, PNG, JPEG and numpy files as linear images, folders of them, and masks.
 
 File            is taken to be                                          alpha
-.exr            linear, channels R, G, B, and A if there is one         premultiplied
+.exr            linear Rec. 709, channels R, G, B, and A if there is one    premultiplied
 .png .jpg       sRGB display codes of 8 or 16 bits                      straight, as PNG defines it
 .npy float      linear, (H, W, 3) or (H, W, 4)                          premultiplied
 .npy uint8/16   the encoding must be said                               straight
 
-An encoding that is said ("linear", "srgb") wins over what the file's type suggests. sRGB values and integers are
-decoded and then multiplied by their alpha, so that every `Picture` is linear and premultiplied over black.
+What is said of a file (`Stated`) wins over what its type suggests. sRGB values are decoded and straight colours are
+multiplied by their alpha, so that every `Picture` is linear and premultiplied over black. What a file states of itself
+(an EXR's windows and primaries, a PNG's curve and profile, Exif's orientation) is followed where that is certain and
+refused by name where it is not.
 """
 
 from __future__ import annotations
@@ -20,11 +22,29 @@ import numpy as np
 
 from ..errors import InputError
 from ..scene import Array
-from .exr import read_exr, stack
+from .arrays import read_array
+from .codes import read_codes
+from .exr import read_channels
+from .exrheader import colour_channels, read_parts, the_part
+from .filekind import MAX_PIXELS, check_kind
 
 ENCODINGS = ("auto", "linear", "srgb")
+ALPHAS = ("auto", "premultiplied", "straight")
 SUFFIXES = (".exr", ".png", ".jpg", ".jpeg", ".npy")
 _SOME = 4  # names that a message lists
+ALPHA_SLACK = 1e-3
+"""How far outside [0, 1] an alpha may be to be clamped: filters and half floats do that."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What is said of a file: the encoding of its values, its alpha, a layer or part of an EXR, and the size limit."""
+
+    encoding: str = "auto"
+    alpha: str = "auto"
+    layer: str | None = None
+    part: str | None = None
+    max_pixels: int = MAX_PIXELS
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,45 +55,78 @@ class Picture:
     alpha: Array | None
 
 
-def read_picture(path: Path, encoding: str = "auto") -> Picture:
+@dataclass(frozen=True, eq=False)
+class _Raw:
+    """What a file holds: (H, W) or (H, W, C), unsigned integers, booleans or finite floats, and their curve."""
+
+    values: Array
+    curve: str
+
+
+def read_picture(path: Path, stated: Stated = Stated()) -> Picture:
     """The picture in a file. Links are followed.
 
-    Raises `InputError` for a file that is missing, damaged, of another type, not of 3 or 4 channels, not finite, or of
-    integers in a numpy file whose encoding is not said.
+    Raises `InputError` for a file that is missing, damaged, larger than the limit, of another type, not of 3 or 4
+    channels, not finite, whose alpha is not in [0, 1], that states colours which are not certain, or of integers in a
+    numpy file whose encoding is not said.
     """
-    values = _read(path)
+    raw = _read(path, "picture", stated)
+    values = raw.values
     if values.ndim != 3 or values.shape[2] not in (3, 4):
         raise InputError(f"picture {path} has shape {values.shape}, expected (H, W, 3) or (H, W, 4)")
-    codes = values.dtype.kind == "u"
-    if codes and encoding == "auto" and path.suffix.lower() == ".npy":
+    codes = values.dtype.kind in "ub"
+    if codes and stated.encoding == "auto" and path.suffix.lower() == ".npy":
         raise InputError(
             f"picture {path} holds integers ({values.dtype}) whose encoding is unknown; say linear or srgb, or save "
             "linear floating-point values"
         )
+    curve = raw.curve if stated.encoding == "auto" else stated.encoding
     scaled = _scaled(values)
-    image, alpha = scaled[..., :3], scaled[..., 3] if scaled.shape[2] == 4 else None
-    if encoding == "srgb" or (encoding == "auto" and codes):
+    image, alpha = scaled[..., :3], None
+    if scaled.shape[2] == 4:
+        alpha = clamped_alpha(scaled[..., 3], f"picture {path}")
+    if curve == "srgb":
         image = _linear(path, image)
-    if alpha is not None and (codes or encoding == "srgb"):
+    if alpha is not None and (codes or curve == "srgb" if stated.alpha == "auto" else stated.alpha == "straight"):
         image = image * alpha[..., None]
     return Picture(np.ascontiguousarray(image, np.float32), alpha)
 
 
-def read_mask(path: Path) -> Array:
+def read_mask(path: Path, stated: Stated = Stated()) -> Array:
     """A mask (H, W) float32 in [0, 1]: the alpha of a file unless it is opaque, else its one or equal channels.
 
-    Raises `InputError` as `read_picture` does, and for values outside [0, 1] or channels that differ.
+    Raises `InputError` as `read_picture` does, and for values outside [0, 1], channels that differ, or codes that are
+    all so small that nothing is inside.
     """
-    values = _scaled(_read(path))
+    raw = _read(path, "mask", stated).values
+    values = _scaled(raw)
     if values.ndim == 3:
         if values.shape[2] in (2, 4):
             values = values[..., :-1] if (values[..., -1] == 1).all() else values[..., -1:]
         if not (values == values[..., :1]).all():
             raise InputError(f"mask {path} has colours; give one channel, or an alpha channel")
         values = values[..., 0]
-    if values.min() < 0 or values.max() > 1:
+    if values.ndim != 2:
+        raise InputError(f"mask {path} has shape {values.shape}, expected (H, W)")
+    if values.min() < -ALPHA_SLACK or values.max() > 1 + ALPHA_SLACK:
         raise InputError(f"mask {path} has values from {values.min():g} to {values.max():g}; expected 0 to 1")
-    return np.ascontiguousarray(values, np.float32)
+    if raw.dtype.kind == "u" and 0 < values.max() < 0.5:
+        largest = np.iinfo(raw.dtype).max
+        raise InputError(
+            f"mask {path}: its greatest value is {round(values.max() * largest)} of {largest}, so no pixel is inside; "
+            f"save {largest} where the hand is"
+        )
+    return np.ascontiguousarray(values.clip(0, 1), np.float32)
+
+
+def clamped_alpha(alpha: Array, what: str) -> Array:
+    """An alpha of any shape as float32 in [0, 1]; NaN stays.
+
+    Raises `InputError`, which begins with `what`, if it is outside by more than `ALPHA_SLACK`.
+    """
+    if (alpha < -ALPHA_SLACK).any() or (alpha > 1 + ALPHA_SLACK).any():
+        raise InputError(f"{what} has alpha from {np.nanmin(alpha):.4g} to {np.nanmax(alpha):.4g}; expected 0 to 1")
+    return np.clip(alpha, 0, 1, dtype=np.float32)
 
 
 def folder_of(path: Path) -> dict[str, Path]:
@@ -114,61 +167,35 @@ def some_of(names: Iterable[str]) -> str:
     return ", ".join(names[:_SOME]) + rest
 
 
-def _read(path: Path) -> Array:
-    """What a file holds: (H, W) or (H, W, C), unsigned integers, booleans or finite floating point."""
+def _read(path: Path, what: str, stated: Stated) -> _Raw:
     suffix = path.suffix.lower()
-    if not path.is_file():
-        raise InputError(f"picture {path} does not exist")
+    if suffix not in SUFFIXES and path.is_file():
+        raise InputError(f"{what} {path} is of an unknown type; expected a file ending in {', '.join(SUFFIXES)}")
+    check_kind(path, what)
+    if suffix != ".exr":
+        for option in ("layer", "part"):
+            if getattr(stated, option) is not None:
+                raise InputError(f"{what} {path} is no EXR and has no {option}s; leave out --{option}")
     if suffix == ".exr":
-        return _read_exr(path)
-    if suffix == ".npy":
-        return _read_npy(path)
-    if suffix in SUFFIXES:
-        return _read_codes(path)
-    raise InputError(f"picture {path} is of an unknown type; expected a file ending in {', '.join(SUFFIXES)}")
-
-
-def _read_exr(path: Path) -> Array:
-    channels = read_exr(path)
-    if {"R", "G", "B"} <= channels.keys():
-        return stack(channels, ("R", "G", "B", "A") if "A" in channels else ("R", "G", "B"), path)
-    if "A" in channels or len(channels) == 1:
-        return channels.get("A", next(iter(channels.values())))
-    return stack(channels, ("R", "G", "B"), path)
-
-
-def _read_npy(path: Path) -> Array:
-    try:
-        values: Array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"picture {path} is damaged or no numpy file ({error})") from error
-    if values.dtype.kind not in "fb" and values.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"picture {path} holds {values.dtype}; expected floating point, uint8 or uint16")
-    if values.size == 0:
-        raise InputError(f"picture {path} is empty: its shape is {values.shape}")
+        return _Raw(_read_exr(path, what, stated), "linear")
+    if suffix != ".npy":
+        codes = read_codes(path, what, stated.max_pixels, said=stated.encoding != "auto" or what == "mask")
+        return _Raw(codes.values, codes.curve)
+    values = read_array(path, what, stated.max_pixels)
     if values.dtype.kind == "f" and not np.isfinite(values).all():
         bad = int(np.count_nonzero(~np.isfinite(values)))
-        raise InputError(f"picture {path} holds {bad} values that are NaN or infinite; remove them first")
-    return values
+        raise InputError(f"{what} {path} holds {bad} values that are NaN or infinite; remove them first")
+    return _Raw(values, "linear")
 
 
-def _read_codes(path: Path) -> Array:
-    """The codes of a PNG or JPEG, uint8 or uint16."""
-    from PIL import Image
-
-    try:
-        with path.open("rb") as file:
-            head = file.read(26)
-        if head.startswith(b"\x89PNG") and len(head) > 24 and head[24] == 16:
-            import mitsuba  # Pillow drops the lower byte of colours of 16 bits
-
-            return np.array(mitsuba.Bitmap(str(path)))
-        with Image.open(path) as image:
-            if image.mode in ("P", "CMYK", "YCbCr"):
-                return np.asarray(image.convert("RGBA" if "transparency" in image.info else "RGB"))
-            return np.asarray(image)
-    except Exception as error:  # decoders raise their own types for damaged files
-        raise InputError(f"picture {path} is damaged or no picture ({' '.join(str(error).split())})") from error
+def _read_exr(path: Path, what: str, stated: Stated) -> Array:
+    part = the_part(read_parts(path, what, stated.max_pixels), stated.part, path, what)
+    if what == "mask" and stated.layer is None and ("A" in part.channels or len(part.channels) == 1):
+        names: tuple[str, ...] = ("A",) if "A" in part.channels else tuple(part.channels)
+    else:
+        names = colour_channels(part, stated.layer, path, what)
+    channels = read_channels(path, part, names, what)
+    return np.stack([channels[name] for name in names], axis=-1)
 
 
 def _scaled(values: Array) -> Array:

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from handbench.data.exr import write_exr
-from handbench.data.pictures import folder_of, matched, read_mask, read_picture
+from handbench.data.pictures import Stated, folder_of, matched, read_mask, read_picture
 from handbench.errors import InputError
 
 CODES = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4) * 10
@@ -22,7 +22,7 @@ def exr(path: Path, names: str, values: np.ndarray) -> Path:
 
 
 def test_exr_is_linear_and_premultiplied(tmp_path: Path) -> None:
-    values = np.float32(CODES) / 100  # beyond 1
+    values = np.float32(CODES) / 100 * np.float32([1, 1, 1, 0.4])  # colours beyond 1
     found = read_picture(exr(tmp_path / "a.exr", "RGBA", values))
     np.testing.assert_array_equal(found.image, values[..., :3])
     np.testing.assert_array_equal(found.alpha, values[..., 3])
@@ -36,7 +36,7 @@ def test_png_of_8_bits_is_srgb_and_its_alpha_is_straight(tmp_path: Path, channel
     alpha = CODES[..., 3:] / 255 if channels == 4 else 1
     np.testing.assert_allclose(found.image, LINEAR[..., :3] * alpha, atol=1e-6)
     assert (found.alpha is None) == (channels == 3) and found.image.dtype == np.float32
-    as_is = read_picture(tmp_path / "a.png", "linear")
+    as_is = read_picture(tmp_path / "a.png", Stated("linear"))
     np.testing.assert_allclose(as_is.image, CODES[..., :3] / 255 * alpha, atol=1e-6)
 
 
@@ -45,7 +45,7 @@ def test_png_of_16_bits_keeps_its_lower_byte(tmp_path: Path) -> None:
 
     values = np.linspace(0, 65535, 60).astype(np.uint16).reshape(4, 5, 3)
     mitsuba.Bitmap(values).write(str(tmp_path / "a.png"))
-    np.testing.assert_allclose(read_picture(tmp_path / "a.png", "linear").image, values / 65535, atol=1e-7)
+    np.testing.assert_allclose(read_picture(tmp_path / "a.png", Stated("linear")).image, values / 65535, atol=1e-7)
 
 
 def test_a_palette_is_looked_up_and_jpeg_is_srgb(tmp_path: Path) -> None:
@@ -62,9 +62,9 @@ def test_numpy_floats_are_linear_and_integers_must_say_what_they_are(tmp_path: P
     np.save(tmp_path / "b.npy", CODES[..., :3])
     with pytest.raises(InputError, match=r"holds integers \(uint8\) whose encoding is unknown; say linear or srgb"):
         read_picture(tmp_path / "b.npy")
-    np.testing.assert_allclose(read_picture(tmp_path / "b.npy", "srgb").image, LINEAR[..., :3], atol=1e-6)
+    np.testing.assert_allclose(read_picture(tmp_path / "b.npy", Stated("srgb")).image, LINEAR[..., :3], atol=1e-6)
     np.save(tmp_path / "c.npy", CODES[..., :3].astype(np.uint16) * 257)
-    np.testing.assert_allclose(read_picture(tmp_path / "c.npy", "srgb").image, LINEAR[..., :3], atol=1e-6)
+    np.testing.assert_allclose(read_picture(tmp_path / "c.npy", Stated("srgb")).image, LINEAR[..., :3], atol=1e-6)
 
 
 def test_masks(tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=message):
             read_picture(tmp_path / name)
     with pytest.raises(InputError, match="has values from 2 to 2; sRGB values are 0 to 1"):
-        read_picture(tmp_path / "bright.npy", "srgb")
+        read_picture(tmp_path / "bright.npy", Stated("srgb"))
     with pytest.raises(InputError, match="has values from 2 to 2; expected 0 to 1"):
         read_mask(tmp_path / "bright.npy")
     np.save(tmp_path / "colours.npy", LINEAR[..., :3])
