@@ -28,6 +28,7 @@ from .pair import Pair
 
 ALPHA = 0.5
 BOX_MARGIN = 8
+BLACK = 1e-6  # linear, far below what is shown or measured
 
 REGIONS = ("mask", "box", "full")
 SPACES = ("srgb", "linear")
@@ -162,8 +163,15 @@ def _within(box: Box, outer: Box) -> Box:
 
 
 def _factor(prediction: NDArray[np.float64], truth: NDArray[np.float64], scale: str) -> NDArray[np.float64]:
-    """The non-negative least-squares factor of (N, 3) pixels: (1,) or (3,); 1 where the prediction is black."""
+    """The non-negative least-squares factor of (N, 3) pixels: (1,) or (3,); 1 where the prediction is black.
+
+    Raises `Unsupported` for a truth, or with "rgb" a channel of it, that is black: any prediction would fit it.
+    """
     axis = 0 if scale == "rgb" else None
+    dark = np.atleast_1d(np.abs(truth).max(axis=axis) <= BLACK)
+    if dark.any():
+        which = "truth" if dark.all() else "truth's " + ", ".join(np.array(("red", "green", "blue"))[dark])
+        raise Unsupported(f"the {which} is black in the mask: there is nothing to fit a scale to")
     energy, match = np.sum(prediction**2, axis=axis), np.sum(prediction * truth, axis=axis)
     black = energy == 0
     return np.atleast_1d(np.where(black, 1.0, np.maximum(match, 0.0) / np.where(black, 1.0, energy)))

@@ -172,3 +172,86 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert main(["metrics", "compare", *arguments]) == 2
     out, err = capsys.readouterr()
     assert message in err and err.count("\n") == 1 and out == ""
+
+
+def values(capsys, *arguments: str) -> dict[str, str]:
+    """The values by metric, from the command's CSV."""
+    assert main(["metrics", "compare", *map(str, arguments), "--format", "csv"]) == 0
+    return {row["metric"]: row["value"] for row in rows(capsys.readouterr().out)}
+
+
+def test_one_picture_with_nan_or_damage_loses_only_itself(folders, capsys) -> None:
+    prediction, _, alpha = scene(1.0)
+    prediction[20, 20] = np.nan
+    write(folders[0] / "f1.exr", prediction, alpha)
+    (folders[0] / "f2.exr").write_bytes(b"cut off")
+    assert main(["metrics", "compare", *map(str, folders), "--format", "csv", "--only", "goliath-psnr"]) == 0
+    found = rows(capsys.readouterr().out)
+    assert found[0]["value"] == found[3]["value"] != "" and found[3]["scored"] == "1/3"
+    assert "f1.exr: channel 'R' has 1 NaN" in found[1]["reason"] and "f2.exr is damaged" in found[2]["reason"]
+    assert main(["metrics", "compare", *map(str, folders), "--format", "csv", "--only", "psnr", "--sequence"]) == 0
+    (row,) = [row for row in rows(capsys.readouterr().out) if row["metric"] == "flicker"]
+    assert row["reason"].startswith("the sequence has gaps: ")
+    (folders[0] / "f0.exr").write_bytes(b"cut off")
+    assert main(["metrics", "compare", *map(str, folders), "--only", "psnr"]) == 2
+    assert "f0.exr is damaged" in capsys.readouterr().err
+
+
+def test_two_photographs_under_a_mask_score_as_their_hands_on_black(tmp_path, capsys) -> None:
+    prediction, truth, alpha = scene()
+    white = 1 - alpha[..., None]
+    Image.fromarray((alpha * 255).astype(np.uint8)).save(tmp_path / "m.png")
+    on_black = [write(tmp_path / "p.exr", prediction), write(tmp_path / "t.exr", truth, alpha)]
+    on_white = [write(tmp_path / "pw.exr", prediction + white), write(tmp_path / "tw.exr", truth + white)]
+    mask = ["--mask", tmp_path / "m.png"]
+    expected = values(capsys, *on_black, "--only", "[sl]*[sm]*")
+    assert {"ssim", "lpips-alex"} <= expected.keys()
+    for pair in (on_white, [on_white[0], on_black[1]], [on_black[0], on_white[1]]):
+        assert values(capsys, *pair, *mask, "--only", "[sl]*[sm]*") == expected
+    main(["metrics", "compare", *map(str, on_white), *map(str, mask), "--only", "psnr"])
+    assert "not black outside the mask" in capsys.readouterr().out
+    main(["metrics", "compare", str(on_white[0]), str(on_black[1]), "--only", "psnr"])
+    assert "has no alpha and is not black outside the truth's" in capsys.readouterr().out
+
+
+def test_straight_alpha_layers_and_parts_can_be_said(tmp_path, capsys) -> None:
+    import OpenEXR
+
+    _, truth, alpha = scene()
+    alpha = np.where(alpha > 0, np.float32(0.8), np.float32(0))
+    premultiplied = write(tmp_path / "t.exr", truth * 0.8, alpha)
+    straight = write(tmp_path / "s.exr", truth + 0.3 * (alpha == 0)[..., None].astype(np.float32), alpha)
+    assert values(capsys, straight, premultiplied, "--pred-alpha", "straight", "--only", "psnr")["psnr"] == "100.0"
+    main(["metrics", "compare", str(straight), str(premultiplied), "--only", "psnr"])
+    assert "the prediction has colour where its alpha is 0" in capsys.readouterr().out
+    layer = {f"View.Combined.{name}": np.ascontiguousarray(truth[..., i]) for i, name in enumerate("RGB")}
+    write_exr(tmp_path / "layer.exr", layer)
+    parts = [OpenEXR.Part({}, {n: np.full((48, 40), v, np.float32) for n in "RGB"}, p) for p, v in (("l", 0), ("r", 1))]
+    OpenEXR.File(parts).write(str(tmp_path / "parts.exr"))
+    for name, option, value in (("layer", "layer", "View.Combined"), ("parts", "part", "r"), ("parts", "part", "1")):
+        file = str(tmp_path / f"{name}.exr")
+        assert main(["metrics", "compare", file, file, "--only", "psnr"]) == 2
+        assert f"say which one counts (--{option})" in capsys.readouterr().err
+        assert values(capsys, file, file, f"--{option}", value, "--only", "psnr")["psnr"] == "100.0"
+    assert main(["metrics", "compare", file, file, "--part", "middle", "--only", "psnr"]) == 2
+    assert "has no part 'middle'; it has 'l' and 'r'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda image: image * 2 - 1, "the truth has negative values (least -1): values of -1 to 1"),
+        (lambda image: image * 255, "the truth's median (of what is not black in the mask) is 1"),
+    ],
+)
+def test_values_that_are_hardly_linear_light_get_a_remark(tmp_path, capsys, change, told) -> None:
+    prediction, truth, _ = scene()
+    np.save(tmp_path / "t.npy", change(truth))
+    main(["metrics", "compare", str(write(tmp_path / "p.exr", prediction)), str(tmp_path / "t.npy"), "--only", "psnr"])
+    assert told in capsys.readouterr().out
+
+
+def test_a_limit_is_looked_at_before_memory_is_taken(files, capsys) -> None:
+    assert main(["metrics", "compare", *map(str, files), "--max-pixels", "1919"]) == 2
+    assert "p.exr is 40x48, more than 1919 pixels; make it smaller" in capsys.readouterr().err
+    assert main(["metrics", "compare", *map(str, files), "--max-pixels", "1920", "--only", "psnr"]) == 0

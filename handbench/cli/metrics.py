@@ -13,10 +13,12 @@ from ..errors import InputError
 from ..terminal import complain, say, show
 
 if TYPE_CHECKING:
+    from ..data.pictures import Stated
     from ..scene import Array
 
 _FORMATS = ("terminal", "csv", "markdown")
 _ENCODINGS = ("auto", "linear", "srgb")
+_ALPHAS = ("auto", "premultiplied", "straight")
 
 
 def add(verbs: Any) -> None:
@@ -26,7 +28,8 @@ def add(verbs: Any) -> None:
         help="one prediction under all metrics, side by side",
         description="Score a picture, or a folder of pictures, against the truth of equal name under our metrics and "
         "as official evaluators do. EXR and floating-point numpy files are linear, PNG and JPEG are sRGB; images are "
-        "premultiplied, on black. Values of a folder are means over its files; --format csv has each file's.",
+        "premultiplied, on black. Values of a folder are means over its files; --format csv has each file's. "
+        "A file that cannot be read loses only its own values, with the reason.",
     )
     compare.add_argument("prediction", type=Path, help="EXR, PNG, JPEG or numpy file, or a folder of them")
     compare.add_argument("truth", type=Path, help="the same, of the same size")
@@ -35,6 +38,13 @@ def add(verbs: Any) -> None:
     compare.add_argument("--sequence", action="store_true", help="files in order of name are a sequence: adds flicker")
     compare.add_argument("--pred-encoding", choices=_ENCODINGS, default="auto", help="of the prediction's values")
     compare.add_argument("--truth-encoding", choices=_ENCODINGS, default="auto", help="of the truth's values")
+    compare.add_argument("--alpha", choices=_ALPHAS, help="whether colours are multiplied by alpha (auto: EXR are)")
+    compare.add_argument("--layer", help="of an EXR file: its channels are LAYER.R, LAYER.G, LAYER.B")
+    compare.add_argument("--part", help="of an EXR file with several: its name, or its number from 0")
+    for side, what in (("pred", "prediction"), ("truth", "truth")):
+        for option, choices in (("alpha", _ALPHAS), ("layer", None), ("part", None)):
+            compare.add_argument(f"--{side}-{option}", choices=choices, help=f"--{option} of the {what} alone")
+    compare.add_argument("--max-pixels", type=int, metavar="N", help="largest picture that is read (default: 2^26)")
     compare.add_argument("--format", choices=_FORMATS, default="terminal")
     compare.set_defaults(verb=_compare)
 
@@ -49,8 +59,9 @@ def _compare(arguments: argparse.Namespace) -> int:
     from ..bench.progress import steps
 
     table = importlib.import_module("handbench.metrics.compat.compare")
-    files, chosen = _files(arguments), _metrics(arguments.only)
-    remarks: dict[str, None] = {}
+    files, chosen, stated = _files(arguments), _metrics(arguments.only), _stated(arguments)
+    remarks: dict[str, str] = {}
+    failures: dict[str, InputError] = {}
     kept: list[Any] = []
     shares: list[float] = []
 
@@ -59,31 +70,39 @@ def _compare(arguments: argparse.Namespace) -> int:
 
         def pairs() -> Iterator[tuple[str, Any]]:
             for i, (name, of_name) in enumerate(files.items()):
-                pair = _pair(of_name, arguments, remarks)
-                shares.append(float((pair.mask > 0.5).mean()))
-                if arguments.sequence:
-                    kept.append(pair)
-                yield name, pair
+                try:
+                    pair = _pair(of_name, stated, remarks)
+                except InputError as error:
+                    failures[name] = error
+                    yield name, str(error)
+                else:
+                    shares.append(float((pair.mask > 0.5).mean()))
+                    if arguments.sequence:
+                        kept.append(pair)
+                    yield name, pair
                 if len(files) > 1:
                     tell(i + 1, len(files))
 
         found = table.lines(chosen, pairs())
+    if not shares:
+        raise next(iter(failures.values()))
     if arguments.sequence:
         flicker = importlib.import_module("handbench.metrics.geometry.flicker")
-        found.append(table.Line(flicker.FLICKER, {"": flicker.flicker(kept)}))
+        found.append(table.Line(flicker.FLICKER, {"": _flicker(flicker, kept, failures)}))
+    told_of = list(remarks.values())
 
     if arguments.format == "csv":
         say(table.render_csv(found), end="")
-        for remark in remarks:
+        for remark in told_of:
             complain(f"handbench: {remark}")
     elif arguments.format == "markdown":
-        say(table.render_markdown(found, remarks), end="")
+        say(table.render_markdown(found, told_of), end="")
     else:
         means = f"; means of {len(files)} files" if len(files) > 1 else ""
         say(f"{arguments.prediction} against {arguments.truth}{means}")
         say(f"the mask covers {100 * sum(shares) / len(shares):.1f} % of the picture")
         show(table.render_terminal(found))
-        say("\n".join(table.notes(found, remarks)))
+        say("\n".join(table.notes(found, told_of)))
     return 0
 
 
@@ -124,28 +143,49 @@ def _files(arguments: argparse.Namespace) -> dict[str, _Files]:
     return {name: _Files(by_name[0][name], by_name[1][name], masks.get(name)) for name in matched(names)}
 
 
-def _pair(files: _Files, arguments: argparse.Namespace, remarks: dict[str, None]) -> Any:
-    """Prediction, truth and mask as `handbench.metrics.Pair`; what a reader must know of them goes to the remarks."""
-    import numpy as np
+def _stated(arguments: argparse.Namespace) -> dict[str, Stated]:
+    """What the options say of the files of each side, and of masks."""
+    from ..data.pictures import MAX_PIXELS, Stated
 
+    limit = MAX_PIXELS if arguments.max_pixels is None else arguments.max_pixels
+    if limit < 1:
+        raise InputError(f"--max-pixels {limit} must be at least 1")
+    found = {"mask": Stated(max_pixels=limit)}
+    for side in ("pred", "truth"):
+        alpha, layer, part = (
+            getattr(arguments, option) if of_side is None else of_side
+            for option in ("alpha", "layer", "part")
+            for of_side in (getattr(arguments, f"{side}_{option}"),)
+        )
+        found[side] = Stated(getattr(arguments, f"{side}_encoding"), alpha or "auto", layer, part, limit)
+    return found
+
+
+def _pair(files: _Files, stated: dict[str, Stated], remarks: dict[str, str]) -> Any:
+    """Prediction, truth and mask as `handbench.metrics.Pair`; what a reader must know of them goes to the remarks."""
+    from ..data.compared import compared
     from ..data.pictures import read_mask, read_picture
 
-    prediction = read_picture(files.prediction, arguments.pred_encoding)
-    truth = read_picture(files.truth, arguments.truth_encoding)
+    prediction = read_picture(files.prediction, stated["pred"])
+    truth = read_picture(files.truth, stated["truth"])
     _same_size(files.prediction, prediction.image, files.truth, truth.image)
-    image, mask = truth.image, truth.alpha
+    mask = None
     if files.mask is not None:
-        mask = read_mask(files.mask)
+        mask = read_mask(files.mask, stated["mask"])
         _same_size(files.mask, mask, files.truth, truth.image)
-        if truth.alpha is None:
-            image = image * mask[..., None]  # a photograph with its mask becomes what an alpha channel would make it
-    if mask is None:
-        mask = np.ones(image.shape[:2], np.float32)
-        remarks["the truth has no alpha and no mask is given: the whole picture counts as the hand"] = None
-    if prediction.alpha is None:
-        remarks["the prediction has no alpha: where an evaluator looks at it, the truth's is taken"] = None
+    found = compared(prediction, truth, mask)
+    for kind, remark in found.remarks.items():
+        remarks.setdefault(kind, remark)
     module = importlib.import_module("handbench.metrics")
-    return module.Pair(prediction.image, image, mask, prediction_alpha=prediction.alpha)
+    return module.Pair(found.prediction, found.truth, found.mask, prediction_alpha=found.prediction_alpha)
+
+
+def _flicker(module: Any, pairs: list[Any], failures: dict[str, InputError]) -> Any:
+    """The score of a sequence; none if one of its pictures is lost."""
+    if failures:
+        score = importlib.import_module("handbench.metrics").Score
+        return score(None, f"the sequence has gaps: {next(iter(failures.values()))}")
+    return module.flicker(pairs)
 
 
 def _same_size(path: Path, one: Array, truth: Path, other: Array) -> None:

@@ -175,9 +175,9 @@ def _part(index: int, header: Mapping[str, Any], path: Path, what: str) -> Part:
     if header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile):
         raise InputError(f"{what} {path} is a deep EXR, which is not supported; flatten it")
     channels = {channel.name: (channel.xSampling, channel.ySampling) for channel in header["channels"]}
-    windows = (_window(header[name]) for name in ("dataWindow", "displayWindow"))
+    data, display = (_window(header[name]) for name in ("dataWindow", "displayWindow"))
     cube = header.get("envmap") == OpenEXR.ENVMAP_CUBE
-    return Part(index, str(header.get("name") or ""), channels, *windows, _colours(header), cube)
+    return Part(index, str(header.get("name") or ""), channels, data, display, _colours(header), cube)
 
 
 def _window(corners: Any) -> Window:

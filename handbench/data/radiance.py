@@ -9,12 +9,12 @@ XYZ and with primaries other than Rec. 709 are refused. Source: G. Ward, "Real P
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
+from ..files import read_bytes
 from ..scene import Array
 from .filekind import MAX_PIXELS, check_kind, check_size
 
@@ -29,7 +29,7 @@ def read_radiance(path: Path, what: str = "environment map", max_pixels: int = M
     Raises `InputError` for a file that is missing, damaged, larger than `max_pixels`, in XYZ or of other primaries.
     """
     check_kind(path, what)
-    data = path.read_bytes()
+    data = read_bytes(path, 5 * max_pixels + _LONGEST, what)
     factor, axes, start = _header(data, path, what)
     (first, lines), (second, length) = axes
     upright = first[1] == "Y"
@@ -105,7 +105,7 @@ def _lines(data: memoryview, lines: int, length: int) -> Array:
     return codes
 
 
-def _planes(data: Sequence[int] | memoryview, at: int, line: Array) -> int:
+def _planes(data: memoryview, at: int, line: Array) -> int:
     """A line of four planes, each of runs (128 + n, value) and of n values as they are; where the next begins."""
     length = len(line)
     for plane in range(4):

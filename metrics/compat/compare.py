@@ -79,11 +79,14 @@ class Line:
         return "" if self.mean is None else f"{self.mean:.{self.metric.decimals}f}"
 
 
-def lines(metrics: Sequence[Metric], pairs: Iterable[tuple[str, Pair]]) -> list[Line]:
-    """All metrics of all pairs, which are named by their files; pairs are taken one by one."""
+def lines(metrics: Sequence[Metric], pairs: Iterable[tuple[str, Pair | str]]) -> list[Line]:
+    """All metrics of all pairs, which are named by their files; pairs are taken one by one.
+
+    Instead of a pair may stand the reason why there is none; then its scores have that reason.
+    """
     found: list[dict[str, Score]] = [{} for _ in metrics]
     for name, pair in pairs:
-        (row,) = scores(metrics, [pair])
+        row = [Score(None, pair)] * len(metrics) if isinstance(pair, str) else scores(metrics, [pair])[0]
         for of_metric, score in zip(found, row, strict=True):
             of_metric[name] = score
     return [Line(metric, of_metric) for metric, of_metric in zip(metrics, found, strict=True)]

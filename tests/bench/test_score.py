@@ -20,6 +20,7 @@ from handbench.bench.score import score, template
 from handbench.cli import main
 from handbench.data.exr import rgb, write_exr
 from handbench.data.predictions import Asked, Unfit, read_folder
+from handbench.data.predictions.picture import read_picture
 from handbench.errors import InputError, StorageError
 from handbench.method import Recording
 from handbench.registry import CAPTURES, METHODS
@@ -298,6 +299,36 @@ P3 = (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329)
 REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
 
 
+def test_alpha_a_rounding_beyond_its_range_is_clamped(protocol, folder, tmp_path):
+    read = read_picture(draw(folder, KEY, np.full((8, 8, 3), 0.5), np.full((8, 8), 1.0000002)), frame_camera(protocol))
+    assert (read.alpha == 1).all()
+    assert not score(protocol, folder, tmp_path / "run").crashed
+
+
+def test_a_depth_that_is_infinite_in_the_background_is_named_with_its_place(folder, problems):
+    depth = np.ones((8, 8), np.float32)
+    depth[3, 5:] = np.inf
+    draw(folder, KEY, np.zeros((8, 8, 3)), np.zeros((8, 8)), **{"depth.Z": depth})
+    told = "channel 'depth.Z' has 3 NaN or infinite pixels, the first (infinite) in row 3, column 5"
+    assert f"  {KEY}.exr: {told}" in problems()
+
+
+def test_a_manifest_may_begin_with_a_byte_order_mark(protocol, folder, tmp_path):
+    path = folder / "manifest.json"
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert not score(protocol, folder, tmp_path / "run").crashed
+
+
+def test_a_seed_that_no_result_could_keep_is_refused(folder, problems):
+    complete(folder, seed=2**70)
+    assert "does not fit into 64 bits" in problems()[1]
+
+
+def frame_camera(protocol):
+    frames = CAPTURES.load(protocol.capture)(size=protocol.size).frames()
+    return next(frame.camera for frame in frames if frame.key == KEY)
+
+
 @pytest.mark.parametrize(
     ("spoil", "kind", "told"),
     [
@@ -313,12 +344,21 @@ REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
         (lambda path: grey(path, names="RGBAZ"), "channels", " has A, B, G, R, Z"),
         (lambda path: grey(path, names="Y"), "channels", " has Y"),
         (integers, "channels", " has A as uint32"),
-        (lambda path: stated(path, P3), "colour", " states the chromaticities [0.68, 0.32"),
+        (lambda path: stated(path, P3), "colour", " states the primaries P3-D65"),
         (lambda path: grey(path, A=1.5), "colour", " has alpha from 1.5 to 1.5"),
         (lambda path: grey(path, A=-0.5), "colour", " has alpha from -0.5 to -0.5"),
-        (lambda path: grey(path, G=np.nan), "non-finite", " has 64 values"),
-        (lambda path: grey(path, G=np.inf), "non-finite", " has 64 values"),
-        (lambda path: grey(path, A=np.nan), "non-finite", " has 64 values"),
+        (
+            lambda path: grey(path, G=np.nan),
+            "non-finite",
+            ": channel 'G' has 64 NaN or infinite pixels, the first (NaN) in row 0, col",
+        ),
+        (
+            lambda path: grey(path, G=np.inf),
+            "non-finite",
+            ": channel 'G' has 64 NaN or infinite pixels, the first (infinite) in row",
+        ),
+        (lambda path: grey(path, A=1.01), "colour", " has alpha from 1.01 to 1.01"),
+        (lambda path: grey(path, A=np.nan), "non-finite", ": channel 'A' has 64 NaN or infinite pixels"),
         (lambda path: path.rename(path.with_suffix(".EXR")), "missing", ""),
     ],
 )
@@ -399,7 +439,7 @@ def test_links_within_the_folder_are_fine_and_pipes_are_no_pictures(protocol, fo
     assert not score(protocol, folder, tmp_path / "first").crashed
     path.unlink()
     os.mkfifo(path)
-    assert f"  {KEY}.exr is no file" in problems()
+    assert f"  {KEY}.exr cannot be read (is no regular file; check its path)" in problems()
 
 
 def test_a_query_cannot_lead_out_of_the_folder(protocol, folder):

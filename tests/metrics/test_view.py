@@ -163,3 +163,16 @@ def test_pixels_outside_the_region_never_count(data: st.DataObject) -> None:
     for spec in ("psnr", "psnr:region=box", "ssim", "ssim:region=box", "flip", "flip:region=box", "hdr-flip"):
         a, b = metric(spec)([Pair(p.prediction, p.truth, mask), Pair(scribbled, p.truth, mask)])
         assert a.value == pytest.approx(b.value, abs=1e-9), spec
+
+
+@pytest.mark.parametrize(
+    ("scale", "dark", "told"), [("scalar", "rgb", "truth"), ("rgb", "rgb", "truth"), ("rgb", "g", "truth's green")]
+)
+@pytest.mark.parametrize("spec", ["psnr", "ssim", "lpips-alex", "hdr-flip"])
+def test_a_truth_that_is_black_has_no_fitted_score(spec: str, scale: str, dark: str, told: str) -> None:
+    """Any prediction would be scaled to it: noise would score as the truth does."""
+    p = pair(spec=spec)
+    truth = p.truth * [name not in dark for name in "rgb"]
+    plain, fitted = scores([metric(spec), metric(f"{spec}:scale={scale}")], [Pair(p.prediction, truth, p.mask)])[0]
+    assert plain.value is not None
+    assert fitted.reason == f"the {told} is black in the mask: there is nothing to fit a scale to"

@@ -11,7 +11,7 @@ from pathlib import Path
 from ...errors import InputError
 from ...scene import Frame, Query
 from .manifest import MANIFEST, TIMES, Manifest, Times, read_manifest, read_times
-from .picture import Misfit, not_finite, read_picture
+from .picture import Misfit, read_picture, what_is_not_finite
 from .problems import Problems, Unfit
 
 ASKED = "asked"  # the folder of the template
@@ -70,12 +70,12 @@ def read_folder(folder: Path, asked: Asked, allow_missing: bool = False) -> Pred
                 problems.add("missing", f"{key}.exr")
             continue
         try:
-            bad = not_finite(read_picture(path, query.camera))
+            bad = what_is_not_finite(read_picture(path, query.camera))
         except Misfit as error:
             problems.add(error.kind, f"{key}.exr {error}")
             continue
         if bad and not allow_missing:
-            problems.add("non-finite", f"{key}.exr has {bad} {'value' if bad == 1 else 'values'}")
+            problems.add("non-finite", f"{key}.exr: {bad}")
         digest.update(f"{key}\0{hashlib.sha256(path.read_bytes()).hexdigest()}\0".encode())
     if not present and not problems:
         problems.add("missing", "there is not one picture")

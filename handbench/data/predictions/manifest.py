@@ -11,6 +11,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from ...errors import InputError
+from ...files import check_value
 from .problems import Problems
 
 FORMAT, VERSION = "handbench predictions", 1
@@ -156,7 +158,11 @@ def _object(path: Path, wrong: Callable[[str], None]) -> dict[str, Any] | None:
         if path.stat().st_size > _BYTES:
             wrong(f"it has more than {_BYTES >> 20} MB")
             return None
-        content = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=distinct)
+        content = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=distinct)  # with or without a BOM
+        check_value(content, "it cannot be kept")
+    except InputError as error:
+        wrong(str(error))
+        return None
     except OSError as error:
         wrong(f"it cannot be read ({error.strerror})")
         return None

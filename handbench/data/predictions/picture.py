@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
-from contextlib import redirect_stdout
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
 from ...scene import Array, Camera, Prediction
-from ..exr import quiet_stderr, stack
+from ..exr import not_finite
+from ..exrheader import opened, read_parts
+from ..pictures import clamped_alpha
 
 _COLOUR = ("R", "G", "B", "A")
 _DEPTH, _NORMAL = ("depth.Z",), ("normal.X", "normal.Y", "normal.Z")
 _ALLOWED = [{*_COLOUR, *extra} for extra in ((), _DEPTH, _NORMAL, (*_DEPTH, *_NORMAL))]
-_REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
 
 
 class Misfit(InputError):
@@ -33,20 +31,7 @@ def read_picture(path: Path, camera: Camera) -> Prediction:
 
     The size is looked at before any pixel is read, so that no file makes us hold more than a camera's picture.
     """
-    if not path.is_file():
-        raise Misfit("unreadable", "is no file")
-    parts, header, _ = _open(path, header_only=True)
-    if parts != 1:
-        raise Misfit("unreadable", f"has {parts} parts, expected 1")
-    (left, top), (right, bottom) = (np.asarray(corner).tolist() for corner in header["dataWindow"])
-    if (left, top, right, bottom) != (0, 0, camera.width - 1, camera.height - 1):
-        at = f" at ({left}, {top})" if (left, top) != (0, 0) else ""
-        size = f"{right - left + 1}x{bottom - top + 1}{at}"
-        raise Misfit("size", f"is {size}, its camera says {camera.width}x{camera.height}")
-    stated = header.get("chromaticities")
-    if stated is not None and not np.allclose(np.ravel(stated), _REC709, atol=2e-3):
-        raise Misfit("colour", f"states the chromaticities {np.round(np.ravel(stated), 4).tolist()}")
-    channels = _open(path)[2]
+    channels = _channels(path, camera)
     if set(channels) not in _ALLOWED:
         raise Misfit("channels", f"has {', '.join(sorted(channels)) or 'none'}")
     for name, pixels in channels.items():
@@ -54,36 +39,53 @@ def read_picture(path: Path, camera: Camera) -> Prediction:
             raise Misfit("channels", f"has {name} as {pixels.dtype}")
         if pixels.shape != (camera.height, camera.width):
             raise Misfit("channels", f"has {name} as {pixels.shape}, subsampled")
-    alpha = channels["A"].astype(np.float32)
-    if (alpha < 0).any() or (alpha > 1).any():
-        raise Misfit("colour", f"has alpha from {np.nanmin(alpha):.4g} to {np.nanmax(alpha):.4g}")
-    depth = channels[_DEPTH[0]].astype(np.float32) if _DEPTH[0] in channels else None
-    normal = _stacked(channels, _NORMAL, path) if _NORMAL[0] in channels else None
-    return Prediction(_stacked(channels, _COLOUR[:3], path), alpha, depth=depth, normal=normal)
-
-
-def not_finite(prediction: Prediction) -> int:
-    """How many values of the image, alpha and maps are NaN or infinite."""
-    given = (prediction.image, prediction.alpha, prediction.depth, prediction.normal)
-    return sum(int(np.count_nonzero(~np.isfinite(np.asarray(values)))) for values in given if values is not None)
-
-
-def _stacked(channels: Mapping[str, Array], names: tuple[str, ...], path: Path) -> Array:
-    return stack(channels, names, path).astype(np.float32)
-
-
-def _open(path: Path, header_only: bool = False) -> tuple[int, dict[str, Any], dict[str, Array]]:
-    """Number of parts, header, and pixels by channel."""
-    import OpenEXR
-
     try:
-        with (
-            redirect_stdout(io.StringIO()),  # for damaged files the binding prints, and raises as well
-            quiet_stderr(),
-            OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file,
-        ):
-            pixels = {} if header_only else {name: channel.pixels for name, channel in file.channels().items()}
-            return len(file.parts), dict(file.header()), pixels
-    except Exception as error:  # the binding raises plain RuntimeError, TypeError and others for damaged files
-        text = " ".join(str(error).replace(str(path), "").split())
-        raise Misfit("unreadable", f"cannot be read ({text[:120]})") from error
+        alpha = clamped_alpha(channels["A"].astype(np.float32), "")
+    except InputError as error:
+        raise Misfit("colour", str(error).strip()) from error
+    depth = channels[_DEPTH[0]].astype(np.float32) if _DEPTH[0] in channels else None
+    normal = _stacked(channels, _NORMAL) if _NORMAL[0] in channels else None
+    return Prediction(_stacked(channels, _COLOUR[:3]), alpha, depth=depth, normal=normal)
+
+
+def what_is_not_finite(prediction: Prediction) -> str | None:
+    """Which channel of the picture has NaN or infinite values, how many and where; None if none has."""
+    given = {"R": prediction.image[..., 0], "G": prediction.image[..., 1], "B": prediction.image[..., 2]}
+    given["A"] = prediction.alpha
+    if prediction.depth is not None:
+        given[_DEPTH[0]] = np.asarray(prediction.depth)
+    if prediction.normal is not None:
+        given |= {name: np.asarray(prediction.normal)[..., i] for i, name in enumerate(_NORMAL)}
+    found = [not_finite(name, pixels) for name, pixels in given.items() if not np.isfinite(pixels).all()]
+    return "; ".join(found) if found else None
+
+
+def _stacked(channels: Mapping[str, Array], names: tuple[str, ...]) -> Array:
+    return np.stack([channels[name] for name in names], axis=-1).astype(np.float32)
+
+
+def _channels(path: Path, camera: Camera) -> dict[str, Array]:
+    """The channels as stored; `Misfit` if the header tells that they are not what is asked for."""
+    try:
+        parts = read_parts(path, "picture")
+    except InputError as error:
+        raise _unreadable(path, error) from error
+    if len(parts) != 1:
+        raise Misfit("unreadable", f"has {len(parts)} parts, expected 1")
+    (part,) = parts
+    window = part.data
+    if (window.left, window.top, window.width, window.height) != (0, 0, camera.width, camera.height):
+        at = f" at ({window.left}, {window.top})" if (window.left, window.top) != (0, 0) else ""
+        size = f"{window.width}x{window.height}{at}"
+        raise Misfit("size", f"is {size}, its camera says {camera.width}x{camera.height}")
+    if part.colours is not None:
+        raise Misfit("colour", f"states the primaries {part.colours}")
+    try:
+        with opened(path, "picture") as file:
+            return {name: channel.pixels for name, channel in file.channels().items()}
+    except InputError as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: InputError) -> Misfit:
+    return Misfit("unreadable", f"cannot be read ({str(error).removeprefix(f'picture {path} ')})")
