@@ -15,13 +15,13 @@ Laws
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from .errors import InputError
-from .scene import LIGHT_KINDS, Frame, FrameKind, LightKind, Observation, Prediction, Query
+from .recording import Recording
+from .scene import LIGHT_KINDS, LightKind, Prediction, Query
 
 
 class Progress(Protocol):
@@ -38,7 +38,8 @@ def silent(step: int, total: int, **values: float) -> None:
 class MethodInfo:
     """What the harness and the reader must know of a method.
 
-    universal   one prior serves every subject (False: `train` only prepares, the work is in `personalise`)
+    universal   one prior serves every subject (False: `train` only prepares, the work is in `personalise`, and the
+                protocol says whether that sees the subject's training frames)
     linear      the method obeys the linear law
     truth       the enrolment must hold the scored frames themselves: a calibration row, not a method
     lights      the kinds of light it can draw: of "directional", "point", "environment", "unknown"
@@ -59,31 +60,6 @@ class MethodInfo:
     def __post_init__(self) -> None:
         if odd := sorted(set(self.lights) - LIGHT_KINDS):
             raise InputError(f"method {self.name!r}: lights holds {odd[0]!r}; use {', '.join(sorted(LIGHT_KINDS))}")
-
-
-class Recording:
-    """The frames a protocol lets a method see, and the way to their images.
-
-    `observe(frame)` reads (and may cache) the images of a frame; the arrays are read-only.
-    """
-
-    def __init__(self, frames: Iterable[Frame], observe: Callable[[Frame], Observation]) -> None:
-        self.frames = tuple(frames)
-        self.observe = observe
-
-    @property
-    def subjects(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(frame.subject for frame in self.frames))
-
-    def where(self, keep: Callable[[Frame], bool]) -> Recording:
-        """The recording of the frames for which `keep(frame)` is true."""
-        return Recording(filter(keep, self.frames), self.observe)
-
-    def of_subject(self, subject: str) -> Recording:
-        return self.where(lambda frame: frame.subject == subject)
-
-    def of_kind(self, *kinds: FrameKind) -> Recording:
-        return self.where(lambda frame: frame.kind in kinds)
 
 
 class Avatar(ABC):

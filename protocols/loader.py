@@ -6,13 +6,26 @@ import math
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_args
 
-from handbench.bench.protocol import AGGREGATION, AXES, Column, Protocol, Published, Selection
+from handbench.bench.protocol import (
+    AGGREGATION,
+    AXES,
+    Column,
+    Enrolment,
+    PerIdentity,
+    Protocol,
+    Published,
+    Selection,
+)
 from handbench.errors import InputError, unknown_name
+from handbench.recording import PARTS
 from handbench.scene import check_frame_kind
 
+T = TypeVar("T")
+
 _SELECTION = ("segments", "kinds", "lightings", "poses", "cameras")
+_ENROL = ("count", "gives", "per_identity", *_SELECTION)
 _COLUMN = ("name", "title", "subjects", "shares", "limit", *_SELECTION)
 _TOP = (
     *("name", "version", "title", "summary", "capture", "size", "subjects", "train", "enrol", "column"),
@@ -58,7 +71,7 @@ def parse(table: Mapping[str, Any], origin: str) -> Protocol:
         trained=trained,
         unseen=unseen,
         train=_selection(f"{top.owner} [train]", top.table("train")),
-        enrol=_selection(f"{top.owner} [enrol]", top.table("enrol")),
+        enrol=_enrolment(f"{top.owner} [enrol]", top.table("enrol")),
         columns=named,
         metrics=metrics,
         methods=top.texts("methods"),
@@ -132,6 +145,17 @@ def _selection(owner: str, table: Mapping[str, Any]) -> Selection:
     return Selection(**{key: reader.texts(key) for key in reader.given})
 
 
+def _enrolment(owner: str, table: Mapping[str, Any]) -> Enrolment:
+    reader = _Reader(owner, table, _ENROL)
+    selection = _selection(owner, {key: reader.given[key] for key in _SELECTION if key in reader.given})
+    count = reader.whole("count", least=1) if "count" in reader.given else None
+    gives = frozenset(reader.choice("gives", part, PARTS) for part in reader.texts("gives", default=tuple(PARTS)))
+    if "image" not in gives:
+        raise InputError(f'{owner}: gives is without "image"; add it, enrolment shows pictures')
+    per_identity = reader.choice("per_identity", reader.text("per_identity", default="train"), get_args(PerIdentity))
+    return Enrolment(selection, count, gives, per_identity)
+
+
 def _aggregation(top: _Reader) -> tuple[str, ...]:
     steps = top.texts("aggregation")
     if steps != AGGREGATION:
@@ -175,6 +199,13 @@ class _Reader:
         if not value.strip():
             raise InputError(f"{self.owner}: {key} is empty; give a text")
         return value
+
+    def choice(self, key: str, value: str, known: Iterable[T]) -> T:
+        """The one of the known words that a value is. Raises `InputError` for any other, with those close to it."""
+        named = {str(word): word for word in known}
+        if value not in named:
+            raise unknown_name(f"{key} in {self.owner}:", value, named)
+        return named[value]
 
     def whole(self, key: str, least: int, default: int | None = None) -> int:
         value = self.get(key, int, f"a whole number, at least {least}", default)

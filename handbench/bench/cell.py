@@ -15,9 +15,11 @@ import numpy as np
 
 from ..data.capture import Capture
 from ..errors import HandbenchError, StorageError, Unsupported
-from ..method import Avatar, Method, MethodInfo, Progress, Recording
+from ..method import Avatar, Method, MethodInfo, Progress
+from ..recording import Recording
 from ..scene import Frame, Light, Mesh, Observation, Prediction, Query, kind_of, leaves
 from ..skips import tallied
+from . import given
 from .failure import Failure, failure
 from .laws import measured
 from .plan import Cell
@@ -62,20 +64,10 @@ class Bench:
         return sorted(pairs, key=lambda pair: (pair[1].key, pair[0]))
 
     def enrolment(self, subject: str, method: Method) -> Recording:
-        """What a method may see of a subject when it personalises.
-
-        A method without a universal prior also gets the subject's training frames, and a calibration row with
-        the truth in hand gets the scored frames.
-        """
-        frames = [f for f in self.selected.enrol if f.subject == subject]
-        if not method.info.universal:
-            frames += [f for f in self.selected.train if f.subject == subject]
-        if method.info.truth:
-            frames += [frame for _, frame in self.scored(subject)]
-        return Recording({frame.key: frame for frame in frames}.values(), self.reader)
+        return given.enrolment(self.selected, method.info, subject, self.reader)
 
     def training(self) -> Recording:
-        return Recording(self.selected.train, self.reader)
+        return given.training(self.selected, self.reader)
 
 
 def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Progress]) -> dict[str, Any]:

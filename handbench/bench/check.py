@@ -14,9 +14,10 @@ import numpy as np
 
 from ..data.capture import Capture
 from ..errors import HandbenchError, NonFinite, Unsupported
-from ..method import Avatar, Method, Prior, Recording
+from ..method import Avatar, Method, Prior
 from ..registry import CAPTURES, METHODS
 from ..scene import Frame, Observation, Prediction, Query
+from . import given
 from .cell import CaptureReader, blame, light_refusal
 from .laws import LINEAR, deviation, deviations, drawing
 from .plan import check_preset
@@ -112,23 +113,20 @@ class _Trial:
         self.watched = _Watched(reader)
         scored = {frame.key: frame for frames in self.selected.scored.values() for frame in frames}
         self.queries = [frame.query for frame in scored.values()]
-        self.scored = tuple(scored.values())
         self.before = pickle.dumps(self.queries)
         self.prior = self._train()
         self.avatars = self._avatars(self.prior)
         self.answers = self._answers(self.avatars)
 
     def _train(self) -> Prior:
-        return self.method.train(Recording(self.selected.train, self.watched), seed=0)
+        return self.method.train(given.training(self.selected, self.watched), seed=0)
 
     def _avatars(self, prior: Prior) -> dict[str, Avatar]:
         avatars = {}
         for subject in self.protocol.subjects:
-            frames = list(self.selected.enrol)
-            frames += () if self.method.info.universal else self.selected.train
-            frames += self.scored if self.method.info.truth else ()
+            enrolment = given.enrolment(self.selected, self.method.info, subject, self.watched)
             try:
-                avatars[subject] = prior.personalise(Recording(frames, self.watched).of_subject(subject), seed=0)
+                avatars[subject] = prior.personalise(enrolment, seed=0)
             except Unsupported as reason:  # e.g. a subject without the frames that a per-identity method trains on
                 avatars[subject] = _Refused(reason)
         return avatars

@@ -12,11 +12,12 @@ from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
 from itertools import combinations
-from typing import Any, assert_never
+from typing import Any, Literal, assert_never
 
 import numpy as np
 
 from ..errors import InputError
+from ..recording import PARTS, Part
 from ..scene import Array, Directional, Environment, Frame, Light, Point, Single, Unknown, kind_of, leaves
 
 # What a scored frame can have in common with training; a column declares in `shares` what it shares on purpose.
@@ -44,6 +45,32 @@ class Selection:
             (self.cameras, frame.camera.name),
         )
         return all(any(fnmatchcase(value, pattern) for pattern in patterns) for patterns, value in fields)
+
+
+PerIdentity = Literal["train", "enrol"]
+
+
+@dataclass(frozen=True)
+class Enrolment:
+    """What a method sees of a subject when it personalises.
+
+    count           at most so many frames of each subject, chosen by `sample`; None takes all
+    gives           what it sees of these frames
+    per_identity    what a method without a universal prior sees: "train" adds the subject's training frames to the
+                    others, of which it sees the same; "enrol" adds nothing
+    """
+
+    frames: Selection
+    count: int | None = None
+    gives: frozenset[Part] = PARTS
+    per_identity: PerIdentity = "train"
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """All of it as JSON values; what is as it is by default is left out, so that it changes no digest."""
+        rest = {"count": self.count, "gives": sorted(self.gives), "per_identity": self.per_identity}
+        usual = {"count": None, "gives": sorted(PARTS), "per_identity": "train"}
+        return asdict(self.frames) | {name: value for name, value in rest.items() if value != usual[name]}
 
 
 @dataclass(frozen=True)
@@ -90,7 +117,7 @@ class Protocol:
     trained: tuple[str, ...]
     unseen: tuple[str, ...]
     train: Selection
-    enrol: Selection
+    enrol: Enrolment
     columns: tuple[Column, ...]
     metrics: tuple[str, ...]
     methods: tuple[str, ...]
@@ -132,14 +159,18 @@ class Protocol:
     def digest(self) -> str:
         """Digest of everything that decides a score: not titles, default methods, seeds, presets, published numbers."""
         columns = [{**asdict(column), "title": None} for column in self.columns]
-        said = [self.name, self.version, self.training_digest, self.unseen, asdict(self.enrol), columns]
+        said = [self.name, self.version, self.training_digest, self.unseen, self.enrol.said, columns]
         return digest([*said, self.metrics, self.sample_seed])
 
 
 @dataclass(frozen=True)
 class Selected:
-    """A protocol applied to a capture: frames of training, of enrolment, and scored ones by column name."""
+    """A protocol applied to a capture: frames of training, of enrolment, and scored ones by column name.
 
+    They are whole; `bench.given` says what a method sees of them.
+    """
+
+    protocol: Protocol
     train: tuple[Frame, ...]
     enrol: tuple[Frame, ...]
     scored: dict[str, tuple[Frame, ...]]
@@ -166,10 +197,7 @@ def resolve(protocol: Protocol, frames: Iterable[Frame]) -> Selected:
     train = tuple(f for f in frames if f.subject in protocol.trained and protocol.train.selects(f))
     if not train:
         raise InputError(f"{owner}: [train] selects no frame of the capture; check its segments, kinds and lightings")
-    enrol = tuple(f for f in frames if f.subject in protocol.subjects and protocol.enrol.selects(f))
-    for subject in protocol.subjects:
-        if not any(frame.subject == subject for frame in enrol):
-            raise InputError(f"{owner}: [enrol] selects no frame of subject {subject!r}; check its segments and kinds")
+    enrol = _enrolled(owner, protocol, frames)
     scored = {}
     for column in protocol.columns:
         subjects = protocol.subjects_of(column)
@@ -178,7 +206,19 @@ def resolve(protocol: Protocol, frames: Iterable[Frame]) -> Selected:
             raise InputError(f"{owner}: column {column.name!r} selects no frame; check its segments and lightings")
         _check_sharing(owner, column, chosen, train, enrol)
         scored[column.name] = sample(chosen, column.limit, protocol.sample_seed)
-    return Selected(train, enrol, scored)
+    return Selected(protocol, train, enrol, scored)
+
+
+def _enrolled(owner: str, protocol: Protocol, frames: Sequence[Frame]) -> tuple[Frame, ...]:
+    """The frames of enrolment in the order of the capture, at most `count` of each subject."""
+    chosen = [f for f in frames if f.subject in protocol.subjects and protocol.enrol.frames.selects(f)]
+    kept = set()
+    for subject in protocol.subjects:
+        of_subject = [frame for frame in chosen if frame.subject == subject]
+        if not of_subject:
+            raise InputError(f"{owner}: [enrol] selects no frame of subject {subject!r}; check its segments and kinds")
+        kept |= {frame.key for frame in sample(of_subject, protocol.enrol.count, protocol.sample_seed)}
+    return tuple(frame for frame in chosen if frame.key in kept)
 
 
 def _check_sharing(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 
-from ..method import Recording
+from ..recording import Recording
 from ..scene import Frame, Observation
 
 

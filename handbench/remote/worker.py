@@ -16,7 +16,8 @@ import numpy as np
 from ..bench.source import source_digest
 from ..checkpoint import checkpoints_in
 from ..device import on_device
-from ..method import Avatar, Method, Prior, Recording
+from ..method import Avatar, Method, Prior
+from ..recording import Recording
 from ..scene import Array, Frame, Observation, Query
 from ..skips import Skips, skipping, tallied
 from .faults import describe, revive

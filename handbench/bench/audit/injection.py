@@ -20,7 +20,6 @@ from ...scene import KNOWN_LIGHTS, Frame, Prediction, Query
 from ..cell import Bench, compute
 from ..plan import Cell
 from ..priors import Priors
-from ..protocol import Selected
 from ..store import Store
 from .evidence import Evidence
 
@@ -84,7 +83,7 @@ def _run(evidence: Evidence, stage: Stage, folder: Path) -> Any:
     """The table of a run of the sound and the faulty method."""
     store, frames, column = Store(folder), *_few(evidence)
     store.prepare()
-    selected = Selected(evidence.selected.train, evidence.selected.enrol, {column: tuple(frames)})
+    selected = replace(evidence.selected, scored={column: tuple(frames)})
     bench = replace(evidence.bench, selected=selected, store=store, priors=Priors(store))
     template = _template(evidence, frames[0].subject)
     methods = {_SOUND: _Grey(_SOUND, "", ""), _named(stage): _Grey(_named(stage), stage.name, frames[0].key)}

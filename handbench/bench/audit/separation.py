@@ -25,9 +25,11 @@ _ALIKE = 1e-3  # relative difference of environments that count as one, whatever
 def apart(evidence: Evidence) -> tuple[bool, str]:
     """No subject, pose or light of a scored frame was seen before, unless its column says so in `shares`."""
     protocol, every = evidence.protocol, tuple(evidence.frames.values())
-    evidence.selected  # noqa: B018  raises what `resolve` finds
+    counted = {frame.key for frame in evidence.selected.enrol}  # raises what `resolve` finds
     train = [f for f in every if f.subject in protocol.trained and _picked(protocol.train, f)]
-    enrol = [f for f in every if f.subject in protocol.subjects and _picked(protocol.enrol, f)]
+    enrol = [f for f in every if f.subject in protocol.subjects and _picked(protocol.enrol.frames, f)]
+    if protocol.enrol.count is not None:
+        enrol = [frame for frame in enrol if frame.key in counted]
     trouble, shared = [], []
     for column in evidence.plan["protocol"]["columns"]:
         scored = [evidence.frames[key] for key in column["queries"]]

@@ -15,10 +15,12 @@ import numpy as np
 
 from ...errors import HandbenchError
 from ...light.reduction import reduced
-from ...method import Avatar, Prior, Recording
+from ...method import Avatar, Prior
+from ...recording import Recording
 from ...registry import CAPTURES, METHODS
 from ...scene import Directional, Environment, Frame, Group, Query
 from ...skips import NONE, Skips, skipping
+from .. import given
 from ..protocol import Protocol, Selected, resolve
 from ..run import find_protocol
 from .measure import Point, timed
@@ -49,9 +51,8 @@ def study(name: str, quick: bool) -> dict[str, Any]:
     selected = resolve(tried, capture.frames())
     try:
         frame = _environment_frame(selected)
-        prior = method.train(Recording(selected.train, capture.observe), seed=0)
-        frames = list(selected.enrol) + ([] if method.info.universal else list(selected.train))
-        enrolment = Recording(frames, capture.observe).of_subject(frame.subject)
+        prior = method.train(given.training(selected, capture.observe), seed=0)
+        enrolment = given.enrolment(selected, method.info, frame.subject, capture.observe)
         return {**found, "query": frame.key, "curves": _curves(prior, enrolment, frame.query, quick)}
     except Exception as error:  # whatever a method raises is its own row's reason, not the end of the study
         named = "" if isinstance(error, HandbenchError) else f"crashed, {type(error).__name__}: "

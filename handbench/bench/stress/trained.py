@@ -13,10 +13,14 @@ from torch import Tensor
 
 from ...data.capture import Capture
 from ...errors import InputError, Unsupported
-from ...method import Avatar, Method, Prior, Recording
+from ...method import Avatar, Method, Prior
+from ...recording import Recording
 from ...registry import CAPTURES, METHODS, PROTOCOLS
 from ...scene import Frame, Query
+from .. import given
 from ..cell import light_refusal
+from ..protocol import resolve
+from ..run import find_protocol
 
 
 @dataclass(frozen=True)
@@ -68,16 +72,10 @@ def _tried(name: str) -> Trained | Exception:
 
 def _train(name: str) -> Trained:
     method, capture = smallest(name), _capture()
-    frames = capture.frames()
-    training = capture.recording(frame for frame in frames if frame.segment == "train")
-    prior = method.train(training, seed=0)
-    frame = next(frame for frame in frames if frame.kind == "olat" and frame.segment == "train")
-    seen = [f for f in frames if f.subject == frame.subject and f.segment == "train" and f.kind == "full"]
-    if not method.info.universal:
-        seen = [f for f in frames if f.subject == frame.subject and f.segment == "train"]
-    if method.info.truth:
-        seen = [f for f in frames if f.subject == frame.subject]
-    enrolment = capture.recording(seen)
+    selected = resolve(find_protocol("smoke"), capture.frames())
+    prior = method.train(given.training(selected, capture.observe), seed=0)
+    frame = next(f for frames in selected.scored.values() for f in frames if f.kind == "olat")
+    enrolment = given.enrolment(selected, method.info, frame.subject, capture.observe)
     return Trained(method, capture, prior, enrolment, prior.personalise(enrolment, seed=0), frame)
 
 
