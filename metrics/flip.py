@@ -1,7 +1,8 @@
 """FLIP (Andersson et al., HPG 2020) and HDR-FLIP (EG 2021), computed by flip-evaluator, NVIDIA's own code.
 
 How different two pictures look when one flips between them at a viewing distance, in [0, 1]: FLIP of pictures as
-displayed, HDR-FLIP of linear ones, the greatest FLIP over a range of exposures, tone mapped. Left to itself HDR-FLIP
+displayed, HDR-FLIP of linear ones: *for each pixel* the greatest FLIP over exposures, tone mapped, and then the mean
+over pixels. Beyond the picture the filters see its border repeated. Left to itself HDR-FLIP
 chooses the exposures from the truth, so that each frame is measured by its own rule (and a frame that is mostly black
 by a hundred exposures, which takes seconds): here they are fixed, and the signature names them. They go from where
 radiance 16 is still below white to where the deep shadows of a hand are well visible.

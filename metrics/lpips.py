@@ -2,7 +2,9 @@
 
 Unit-normalised features of both images, squared differences, weighted by the learned heads, averaged over each
 layer and summed over layers. Images are mapped from [0, 1] to the networks' range here, never by the caller.
-Weights are stored as float16, which moves a score by less than 4e-5 (measured against float64).
+Weights are stored as float16. Against the original float32 ones, over 46 pairs from slight noise to flat colours, that
+moves a value by 5e-5 (AlexNet) or 2e-5 (VGG) in the median and by 4e-4 or 1.3e-4 at most; most between dark or flat
+pictures, where it was up to 1.3 % of a small distance.
 """
 
 from __future__ import annotations

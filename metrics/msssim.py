@@ -1,8 +1,12 @@
 """Multi-scale structural similarity (Wang, Simoncelli, Bovik, Asilomar 2003), computed by pytorch-msssim in float64.
 
-Five scales with the paper's weights, 11-pixel Gaussian windows that lie wholly inside the picture. The smallest scale
-is a sixteenth of the picture, so the picture has more than 160 pixels a side; a smaller box grows into its image, and
-in a smaller image the metric is not defined.
+    for each channel    product over scales 1…4 of c_s ^ w_s, times l_5 ^ w_5;  the mean over the channels
+
+c_s is the mean over the map of contrast times structure at scale s, l_5 that of the whole SSIM at the last one; means
+are taken before powers, and one below zero counts as zero. w = .0448, .2856, .3001, .2363, .1333. From scale to scale
+two by two pixels are averaged, odd sides first surrounded by zeros. 11-pixel Gaussian windows lie wholly inside the
+picture. The smallest scale is a sixteenth of the picture, so the picture has more than 160 pixels a side; a smaller box
+grows into its image, and in a smaller image the metric is not defined.
 """
 
 from __future__ import annotations
@@ -37,7 +41,7 @@ MSSSIM = Family(
     msssim,
     higher_is_better=True,
     decimals=4,
-    terms=("window:gauss11/1.5", "scales:5", "range:1"),
+    terms=("border:left-out", "window:gauss11/1.5", "scales:5", "range:1"),
     perfect=1.0,
     regions=("box", "full"),
     least=LEAST,

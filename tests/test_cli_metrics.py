@@ -92,7 +92,7 @@ def test_markdown_is_one_table_and_the_remarks(tmp_path, capsys) -> None:
     given = [str(write(tmp_path / "p.exr", prediction)), str(write(tmp_path / "t.exr", truth))]
     assert main(["metrics", "compare", *given, "--format", "markdown", "--only", "*psnr*"]) == 0
     out = capsys.readouterr().out
-    assert "| goliath-psnr | ↑ |" in out and r"goliath-psnr\|region:full" in out
+    assert "| goliath-psnr | ↑ |" in out and r"goliath-psnr\|clip:truth\|" in out
     assert "the whole picture counts as the hand" in out and "the truth's is taken" in out
     assert main(["metrics", "compare", *given, "--format", "csv", "--only", "psnr"]) == 0
     out, err = capsys.readouterr()

@@ -63,7 +63,9 @@ def ms_ssim(pair: Pair) -> float:
 
 L1 = family(_NAME, l1, "L1", _TERMS, perfect=0.0, higher_is_better=False)
 LPIPS = lpips_family(_NAME, perceptual, terms=(*_TERMS, "net:alex", "heads:0.1", "normalised:never"), perfect=0.0)
-MS_SSIM = family(_NAME, ms_ssim, "MS-SSIM", (*_TERMS, "window:gauss11/1.5", "scales:5", "range:1"), perfect=1.0)
+MS_SSIM = family(
+    _NAME, ms_ssim, "MS-SSIM", (*_TERMS, "window:gauss11/1.5", "border:left-out", "scales:5", "range:1"), perfect=1.0
+)
 IOU = family(
     _NAME, iou, "Mask IoU", ("mask:alpha>=0.5",), name="iou", needs=("prediction", "prediction_alpha"), perfect=1.0
 )

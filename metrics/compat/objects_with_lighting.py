@@ -12,6 +12,9 @@ PSNR        over the mask, range 1.
 SSIM        scikit-image, 7 x 7 uniform windows, range 1, pictures times mask; the map is averaged over the mask.
 LPIPS       Alex; in [-1, 1] first and masked then, so the background is grey; the map is averaged over the mask.
 
+Under NumPy 2 the official program stops at its first linear prediction: the exposure is a float64, which makes the
+picture float64, and `utils/metrics.py` asserts float32. Here the picture is made float32 after the fit.
+
 Not reproduced: NaN and infinity, which become 0 there and a missing score here, and resizing of predictions of
 another size. Predictions as PNG are not fitted there; here every prediction is linear and fitted.
 """
@@ -107,6 +110,9 @@ def perceptual(pair: Pair) -> float:
 
 PSNR = psnr_family(_NAME, psnr, terms=(*_TERMS, "peak:1", CAPPED))
 SSIM = family(
-    _NAME, ssim, "SSIM", (*_TERMS, "background:black", f"window:uniform{_WINDOW}", "covariance:sample", "range:1")
+    _NAME,
+    ssim,
+    "SSIM",
+    (*_TERMS, "background:black", f"window:uniform{_WINDOW}", "covariance:sample", "border:mirrored", "range:1"),
 )
 LPIPS = lpips_family(_NAME, perceptual, terms=(*_TERMS, "background:grey", "net:alex", "heads:0.1", "map:spatial"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial, wraps
+from types import MappingProxyType
 from typing import TypeVar
 from weakref import WeakKeyDictionary
 
@@ -27,26 +28,30 @@ COVERAGE = "coverage:own-else-truth"
 
 _LEAST = {"alex": 32, "vgg": 16}  # pixels a side: below, the deepest layer has none left
 
+_NONE: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+
 T = TypeVar("T")
 
 
 def family(
     evaluator: str,
-    measure: Callable[[Pair], float],
+    measure: Callable[..., float],
     quantity: str,
     terms: tuple[str, ...],
     *,
     name: str | None = None,
+    choices: Mapping[str, tuple[str, ...]] = _NONE,
     needs: tuple[str, ...] = ("prediction",),
     perfect: float | None = None,
     unit: str = "",
     decimals: int = 4,
     higher_is_better: bool = True,
+    version: int = 1,
 ) -> PairFamily:
-    """The metric `evaluator`-`name` without options; its name is the quantity's unless given."""
+    """The metric `evaluator`-`name`; its name is the quantity's unless given. `measure` gets the choices by name."""
 
     def measured(pair: Pair, options: Mapping[str, str]) -> float:
-        return measure(pair)
+        return measure(pair, **options)
 
     return PairFamily(
         f"{evaluator}-{name or quantity.lower()}",
@@ -57,7 +62,9 @@ def family(
         decimals=decimals,
         terms=terms,
         perfect=perfect,
+        choices=choices,
         needs=needs,
+        version=version,
     )
 
 

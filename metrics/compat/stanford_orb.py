@@ -6,7 +6,8 @@ Read in StanfordORB/Stanford-ORB: `orb/utils/test.py` (`compute_similarity`, com
 Mask        alpha > 0.5, eroded by 5 x 5 pixels; both pictures are black outside it, and errors are averaged over the
             *whole* picture.
 Scale       each channel of the linear prediction is fitted to the truth by least squares inside the mask: what is
-            wrong in exposure or colour of light costs nothing.
+            wrong in exposure or colour of light costs nothing. A single negative value inside the mask stops the
+            official code in a debugger: there is no value then.
 PSNR-H      linear, first brightened by the factor that makes the truth's mean that of its sRGB picture, clipped at 4;
             the peak is 1 nevertheless.
 PSNR-L      clipped at 1, sRGB. Both are at least the PSNR of a uniform 0.5 inside the mask: a black prediction scores
@@ -35,7 +36,14 @@ from .shared import CAPPED, decibel, family, lpips, lpips_family, per_pair, psnr
 _NAME = "stanford-orb"
 _EROSION = 5
 _WINDOW = 3
-_TERMS = ("region:full", "mask:alpha>0.5", f"eroded:{_EROSION}x{_EROSION}", "background:black", "scale:rgb")
+_TERMS = (
+    "region:full",
+    "mask:alpha>0.5",
+    f"eroded:{_EROSION}x{_EROSION}",
+    "background:black",
+    "scale:rgb",
+    "negative:none",
+)
 _FLOOR = "at-least:uniform-0.5"
 _HDR_PEAK = 4.0
 
@@ -58,6 +66,12 @@ def _fitted(
 def _masked(pair: Pair) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     hand = _hand(pair)
     prediction = pair.prediction.astype(np.float64) * hand[..., None]
+    negative = int(np.count_nonzero(prediction < 0.0))
+    if negative:
+        values = "value" if negative == 1 else "values"
+        raise Unsupported(
+            f"the prediction has {negative} negative {values} in the eroded mask: the official code stops"
+        )
     return prediction, np.maximum(pair.truth.astype(np.float64), 0.0) * hand[..., None], hand
 
 
@@ -108,6 +122,7 @@ PSNR_HDR = psnr_family(
     quantity="PSNR-H",
     terms=(*_TERMS, "space:linear", "gain:truth-to-srgb-mean", "clip:0-4", "peak:1", _FLOOR, CAPPED),
     perfect=100.0,
+    version=2,
 )
 PSNR_LDR = psnr_family(
     _NAME,
@@ -116,7 +131,12 @@ PSNR_LDR = psnr_family(
     quantity="PSNR-L",
     terms=(*_TERMS, "space:srgb", "peak:1", _FLOOR, CAPPED),
     perfect=100.0,
+    version=2,
 )
 # kornia adds 1e-12 to a denominator of 9e-8 on black, so even equal pictures score 1e-5 less than 1
-SSIM = family(_NAME, ssim, "SSIM", (*_TERMS, "space:srgb", "window:gauss3/1.5", "padding:reflect", "range:1"))
-LPIPS = lpips_family(_NAME, perceptual, terms=(*_TERMS, "space:srgb-twice", "net:vgg", "heads:0.1"), perfect=0.0)
+SSIM = family(
+    _NAME, ssim, "SSIM", (*_TERMS, "space:srgb", "window:gauss3/1.5", "padding:reflect", "range:1"), version=2
+)
+LPIPS = lpips_family(
+    _NAME, perceptual, terms=(*_TERMS, "space:srgb-twice", "net:vgg", "heads:0.1"), perfect=0.0, version=2
+)

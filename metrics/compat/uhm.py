@@ -6,24 +6,42 @@ background). `Avatar/main/requirements.txt` names torchmetrics without a version
 
 Pictures    sRGB in [0, 1], both multiplied by prediction mask x truth mask: what a prediction misses of the hand, or
             draws beside it, costs nothing here, only in the IoU.
-PSNR, SSIM  torchmetrics, data range 1, over the whole picture; 11 x 11 Gaussian windows. torchmetrics left out a border
-            of 5 pixels when the paper was written, and has counted it since its pull request 2721 (September 2024).
+PSNR, SSIM  torchmetrics, data range 1, over the whole picture; 11 x 11 Gaussian windows. Up to its version 1.4.1, as
+            when the paper was written, torchmetrics left out a border of 5 pixels; since 1.4.2 (September 2024) it
+            counts it, as windows see it that are mirrored there. `torchmetrics` chooses.
 LPIPS       Alex; pictures are mapped to [-1, 1] first and masked then, so the background is grey, not black.
 IoU         of the two masks, in per cent.
+
+A prediction that misses the hand leaves nothing to compare: two black pictures, a perfect score there. Here there is no
+value then.
 
 Not reproduced: the enlargement to 512 x 512 (scores are of the pictures as they are) and the depth error.
 """
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
-from skimage.metrics import structural_similarity
+from scipy.ndimage import gaussian_filter
 
 from handbench.errors import Unsupported
 
 from ..pair import Pair
-from .shared import CAPPED, COVERAGE, decibel, display, family, lpips, lpips_family, own_alpha, psnr_family, some
+from .shared import (
+    CAPPED,
+    COVERAGE,
+    decibel,
+    display,
+    family,
+    lpips,
+    lpips_family,
+    own_alpha,
+    psnr_family,
+    some,
+    ssim_map,
+)
 
 _NAME = "uhm"
 _WINDOW = 11
@@ -33,7 +51,10 @@ _TERMS = ("region:full", "mask:prediction>0.5-and-truth>0.5", COVERAGE, "space:s
 def _pictures(pair: Pair) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Prediction and truth, unmasked, and the mask (H, W, 1) of both."""
     truth = some(pair.mask > 0.5, "with alpha > 0.5")
-    both = some(truth & (own_alpha(pair) > 0.5), "that prediction and truth both cover")
+    both = some(
+        truth & (own_alpha(pair) > 0.5),
+        "that prediction and truth both cover: the prediction misses the hand, which the official code calls perfect",
+    )
     return display(pair.prediction), display(pair.truth), both[..., None]
 
 
@@ -43,13 +64,15 @@ def psnr(pair: Pair) -> float:
     return decibel(float(np.mean((prediction * mask - truth * mask) ** 2)))
 
 
-def ssim(pair: Pair) -> float:
-    """Mean SSIM of the masked pictures, away from the border."""
+def ssim(pair: Pair, torchmetrics: str) -> float:
+    """Mean SSIM of the masked pictures: away from the border up to version 1.4.1 of torchmetrics."""
     prediction, truth, mask = _pictures(pair)
     if min(mask.shape[:2]) < _WINDOW:
         raise Unsupported(f"picture is smaller than the {_WINDOW}x{_WINDOW} pixels the metric needs")
-    settings = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False, "data_range": 1.0}
-    return float(structural_similarity(prediction * mask, truth * mask, channel_axis=-1, **settings))
+    border = _WINDOW // 2
+    blur = partial(gaussian_filter, sigma=1.5, radius=border, mode="mirror", axes=(0, 1))
+    found = ssim_map(prediction * mask, truth * mask, blur)
+    return float((found[border:-border, border:-border] if torchmetrics == "1.4.1" else found).mean())
 
 
 def perceptual(pair: Pair) -> float:
@@ -67,7 +90,12 @@ def iou(pair: Pair) -> float:
 
 PSNR = psnr_family(_NAME, psnr, terms=(*_TERMS, "background:black", "peak:1", CAPPED), perfect=100.0)
 SSIM = family(
-    _NAME, ssim, "SSIM", (*_TERMS, "background:black", "window:gauss11/1.5", "border:left-out", "range:1"), perfect=1.0
+    _NAME,
+    ssim,
+    "SSIM",
+    (*_TERMS, "background:black", "window:gauss11/1.5", "range:1"),
+    choices={"torchmetrics": ("1.4.1", "1.4.2")},
+    perfect=1.0,
 )
 LPIPS = lpips_family(_NAME, perceptual, terms=(*_TERMS, "background:grey", "net:alex", "heads:0.1"), perfect=0.0)
 IOU = family(

@@ -34,6 +34,10 @@ def test_signatures_names_and_headers_are_unique_and_read_back() -> None:
 def test_the_declared_conventions() -> None:
     assert metric("psnr").signature == "psnr|region:mask|space:srgb|scale:none|mask:alpha>0.5|peak:1|cap:100|v1"
     assert metric("lpips-vgg").signature == "lpips-vgg|region:box|space:srgb|scale:none|mask:alpha>0.5|heads:0.1|v1"
+    assert "|border:mirrored|window:gauss11/1.5|" in metric("ssim").signature
+    assert "|border:mirrored|" in metric("ssim:region=box").signature
+    assert "|border:left-out|" in metric("ssim:region=full").signature
+    assert "|border:left-out|window:gauss11/1.5|scales:5|" in metric("ms-ssim").signature
     chosen = metric("psnr: scale=rgb, region=mask")
     assert (chosen.name, chosen.latex) == ("psnr:scale=rgb", r"PSNR (scale rgb)$\uparrow$")
     assert (chosen.unit, chosen.decimals, metric("lpips-alex").latex) == ("dB", 2, r"LPIPS (Alex)$\downarrow$")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import kornia
 import numpy as np
@@ -10,14 +11,14 @@ import pytest
 import torch
 from PIL import Image
 from scipy.optimize import minimize, minimize_scalar
-from torch.nn.functional import avg_pool2d, conv2d, interpolate, pad
+from torch.nn.functional import avg_pool2d, conv2d, pad
 from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
 from handbench.metrics import Pair, metric
 from handbench.metrics.compat import ENTRIES, palm
-from handbench.metrics.networks import features, weights
 
 NAMES = [entry.name for entry in ENTRIES]
+Lpips = Callable[..., torch.Tensor]
 
 
 def pair(height: int = 72, width: int = 56, seed: int = 3) -> Pair:
@@ -48,22 +49,6 @@ def over_white(image: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     return image.astype(np.float64) + 1.0 - alpha.astype(np.float64)[..., None]
 
 
-def lpips_of(network: str, a: torch.Tensor, b: torch.Tensor, size: tuple[int, int] | None = None) -> torch.Tensor:
-    """LPIPS of what is fed to the networks (their range is [-1, 1]), a map if a size is given."""
-    total = torch.zeros(size or ())
-    pairs = zip(features(network, (a.float() + 1) / 2), features(network, (b.float() + 1) / 2), strict=True)
-    for i, (one, other) in enumerate(pairs):
-        one, other = (f / (f.pow(2).sum(1, keepdim=True).sqrt() + 1e-10) for f in (one, other))
-        distance = ((one - other) ** 2 * weights(f"lpips_{network}")[f"head{i}.weight"].view(1, -1, 1, 1)).sum(
-            1, keepdim=True
-        )
-        if size is None:
-            total = total + distance.mean()
-        else:
-            total = total + interpolate(distance, size=size, mode="bilinear", align_corners=False)[0, 0]
-    return total
-
-
 def uniform_ssim(a: torch.Tensor, b: torch.Tensor, data_range: float) -> torch.Tensor:
     """SSIM map of the 7 x 7 windows that lie within, with sample covariance, by average pooling."""
     mean_a, mean_b = avg_pool2d(a, 7, 1), avg_pool2d(b, 7, 1)
@@ -92,11 +77,15 @@ def five_scales(a: torch.Tensor, b: torch.Tensor) -> float:
 
 
 @pytest.mark.parametrize("size", [(72, 56), (56, 72), (64, 64)])
-def test_palm(size: tuple[int, int]) -> None:
+@pytest.mark.parametrize("saved", ["rounded", "truncated"])
+def test_palm(size: tuple[int, int], saved: str, official_lpips: Lpips) -> None:
     """The pictures go through PIL and flat lists of pixels as in the evaluator, so width and height are swapped."""
-    p = pair(*size)
-    codes = [(encode(i)[0].permute(1, 2, 0) * 255).round().to(torch.uint8).numpy() for i in
-             (over_white(p.prediction, p.prediction_alpha), p.truth)]  # fmt: skip
+    p, option = pair(*size), f":codes={saved}"
+    drawn, recorded = (encode(i)[0].permute(1, 2, 0) * 255 for i in
+                       (over_white(p.prediction, p.prediction_alpha), p.truth))  # fmt: skip
+    # `get_rgb_image_` of the renderer: times 255, astype(np.uint8); a thousandth of a code is rounding, not darkness
+    codes = [(drawn.round() if saved == "rounded" else drawn + 1e-3).numpy().astype(np.uint8),
+             recorded.round().numpy().astype(np.uint8)]  # fmt: skip
     mask_codes = np.round(p.mask * 255).astype(np.uint8)
     prediction, truth = (Image.fromarray(c) for c in codes)
     first, second = truth.size  # (width, height), which the evaluator takes for (height, width)
@@ -105,36 +94,59 @@ def test_palm(size: tuple[int, int]) -> None:
     hand = torch.tensor(mask_codes == 255).view(-1)
     flat_truth[~hand] = 1.0
     error = ((flat_prediction - flat_truth) ** 2)[hand].mean()
-    assert score("palm-official-psnr", p) == pytest.approx(float(-10 * torch.log10(error)), abs=1e-5)
+    assert score("palm-official-psnr" + option, p) == pytest.approx(float(-10 * torch.log10(error)), abs=1e-5)
 
     rows, columns = torch.nonzero(hand.view(first, second), as_tuple=True)
     cut = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
     boxes = [i.view(first, second, 3)[cut].permute(2, 0, 1)[None] for i in (flat_prediction, flat_truth)]
-    assert score("palm-official-ssim", p) == pytest.approx(float(uniform_ssim(*boxes, 2.0).mean()), abs=1e-6)
+    assert score("palm-official-ssim" + option, p) == pytest.approx(float(uniform_ssim(*boxes, 2.0).mean()), abs=1e-6)
     twice = [2 * (2 * box - 1) - 1 for box in boxes]
-    assert score("palm-official-lpips", p) == pytest.approx(float(lpips_of("vgg", *twice)), abs=1e-5)
+    assert score("palm-official-lpips" + option, p) == pytest.approx(float(official_lpips("vgg", *twice)), abs=1e-5)
 
 
 def test_palm_sees_the_plain_box_of_a_square_picture_only() -> None:
     """Rows are wrapped where width and height differ: the mask's box then reaches from side to side."""
     square, oblong = pair(64, 64), pair(72, 56)
     rows, columns = np.nonzero(np.round(square.mask * 255) == 255)
-    assert palm._box(square, 1)[0].shape[:2] == (np.ptp(rows) + 1, np.ptp(columns) + 1)
-    assert palm._box(oblong, 1)[0].shape[1] > 0.95 * 72
+    assert palm._box(square, "rounded", 1)[0].shape[:2] == (np.ptp(rows) + 1, np.ptp(columns) + 1)
+    assert palm._box(oblong, "rounded", 1)[0].shape[1] > 0.95 * 72
 
 
-def test_goliath() -> None:
-    p = pair()
-    images = [torch.from_numpy(np.clip(i, 0, 1)).double().permute(2, 0, 1)[None] for i in (p.prediction, p.truth)]
+def test_pictures_of_8_bits_are_not_truncated_once_more() -> None:
+    """What a PNG held is a code still after its way through linear single precision."""
+    codes = np.arange(256, dtype=np.float64).repeat(3).reshape(16, 16, 3) / 255
+    linear = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    p = Pair(linear, linear, np.ones((16, 16)))
+    for saved in ("rounded", "truncated"):
+        assert np.abs(palm._pictures(p, saved).prediction - codes).max() < 1e-12
+
+
+@pytest.mark.parametrize("clip", ["truth", "both"])
+def test_goliath(clip: str) -> None:
+    """The loader clamps the truth; nothing clamps the prediction, which here is brighter than white in places."""
+    p, option = pair(), f":clip={clip}"
+    prediction = np.clip(1.3 * p.prediction, 0, 1 if clip == "both" else None)
+    assert (1.3 * p.prediction).max() > 1.1
+    p = Pair(np.float32(1.3) * p.prediction, p.truth, p.mask)
+    images = [torch.from_numpy(i).double().permute(2, 0, 1)[None] for i in (prediction, np.clip(p.truth, 0, 1))]
     mask = torch.from_numpy(p.mask > 0).double()[None, None]
     masked = [255 * image * mask for image in images]
-    assert score("goliath-psnr", p) == pytest.approx(
+    assert score("goliath-psnr" + option, p) == pytest.approx(
         float(peak_signal_noise_ratio(*masked, data_range=255.0)), abs=1e-5
     )
     padded = [pad(image, (5, 5, 5, 5)) for image in images]
     similarity = kornia.metrics.ssim(*padded, 11, padding="valid")
     expected = (similarity * mask).sum() / mask.expand_as(similarity).sum()
-    assert score("goliath-ssim", p) == pytest.approx(float(expected), abs=1e-5)
+    assert score("goliath-ssim" + option, p) == pytest.approx(float(expected), abs=1e-5)
+
+
+def test_goliath_makes_a_highlight_that_is_right_pay() -> None:
+    p = pair()
+    right = Pair(p.truth, p.truth, p.mask)
+    assert p.truth.max() > 1 and score("goliath-psnr", right) < 45 and score("goliath-ssim", right) < 0.999
+    assert score("goliath-psnr:clip=both", right) == 100 and score("goliath-ssim:clip=both", right) == pytest.approx(1)
+    dim = Pair(0.5 * p.truth, 0.5 * p.truth, p.mask)
+    assert score("goliath-psnr", dim) == 100 and score("goliath-ssim", dim) == pytest.approx(1)
 
 
 def test_a_mask_of_15_percent_is_worth_8_decibels() -> None:
@@ -150,11 +162,11 @@ def test_a_mask_of_15_percent_is_worth_8_decibels() -> None:
     assert uhm == pytest.approx(8.2390874, abs=1e-6)
 
 
-def test_harp() -> None:
+def test_harp(official_lpips: Lpips) -> None:
     p = pair(180, 170)
     prediction, truth = (encode(over_white(i, a)) for i, a in ((p.prediction, p.prediction_alpha), (p.truth, p.mask)))
     assert score("harp-l1", p) == pytest.approx(float((prediction - truth).abs().mean()), abs=1e-7)
-    assert score("harp-lpips", p) == pytest.approx(float(lpips_of("alex", prediction, truth)), abs=1e-5)
+    assert score("harp-lpips", p) == pytest.approx(float(official_lpips("alex", prediction, truth)), abs=1e-5)
     assert score("harp-ms-ssim", p) == pytest.approx(five_scales(prediction, truth), abs=1e-5)
     ours, theirs = p.prediction_alpha >= 0.5, p.mask >= 0.5
     assert score("harp-iou", p) == pytest.approx((ours & theirs).sum() / (ours | theirs).sum())
@@ -163,20 +175,21 @@ def test_harp() -> None:
     assert small.value is None and "160" in small.reason
 
 
-def test_uhm() -> None:
+def test_uhm(official_lpips: Lpips) -> None:
     p = pair()
     mask = torch.from_numpy((p.prediction_alpha > 0.5) & (p.mask > 0.5))[None, None]
     prediction, truth = encode(p.prediction), encode(p.truth)
     black = (prediction * mask, truth * mask)
     assert score("uhm-psnr", p) == pytest.approx(float(peak_signal_noise_ratio(*black, data_range=1.0)), abs=1e-5)
-    _, similarity = structural_similarity_index_measure(*black, data_range=1.0, return_full_image=True)
+    counted, similarity = structural_similarity_index_measure(*black, data_range=1.0, return_full_image=True)
     assert score("uhm-ssim", p) == pytest.approx(float(similarity[..., 5:-5, 5:-5].mean()), abs=1e-6)
+    assert score("uhm-ssim:torchmetrics=1.4.2", p) == pytest.approx(float(counted), abs=1e-6)
     grey = ((2 * prediction - 1) * mask, (2 * truth - 1) * mask)
-    assert score("uhm-lpips", p) == pytest.approx(float(lpips_of("alex", *grey)), abs=1e-5)
+    assert score("uhm-lpips", p) == pytest.approx(float(official_lpips("alex", *grey)), abs=1e-5)
     assert score("uhm-iou", p) == pytest.approx(100 * score("harp-iou", p), abs=0.5)
 
 
-def test_stanford_orb() -> None:
+def test_stanford_orb(official_lpips: Lpips) -> None:
     p = pair()
     mask = torch.from_numpy((p.mask > 0.5).astype(np.float64))[None, None]
     hand = kornia.morphology.erosion(mask, torch.ones(5, 5, dtype=torch.float64))[0, 0].numpy() > 0.5
@@ -201,7 +214,44 @@ def test_stanford_orb() -> None:
     similarity = kornia.metrics.ssim(*encoded, window_size=3)
     assert score("stanford-orb-ssim", p) == pytest.approx(float(similarity.mean()), abs=1e-6)
     twice = [2 * kornia.color.linear_rgb_to_rgb(i) - 1 for i in encoded]
-    assert score("stanford-orb-lpips", p) == pytest.approx(float(lpips_of("vgg", *twice)), abs=1e-5)
+    assert score("stanford-orb-lpips", p) == pytest.approx(float(official_lpips("vgg", *twice)), abs=1e-5)
+
+
+@pytest.mark.parametrize("size", [(72, 56), (24, 30)])
+def test_uhm_counts_the_border_since_torchmetrics_1_4_2(size: tuple[int, int]) -> None:
+    """A noisy picture that fills the frame: the border is mirrored there, so it is more alike."""
+    rng = np.random.default_rng(1)
+    truth = rng.uniform(0.1, 0.9, (*size, 3))
+    p = Pair((truth + rng.normal(0, 0.1, truth.shape)).clip(0), truth, np.ones(size))
+    counted = structural_similarity_index_measure(encode(p.prediction), encode(p.truth), data_range=1.0)
+    assert score("uhm-ssim:torchmetrics=1.4.2", p) == pytest.approx(float(counted), abs=1e-6)
+    assert abs(score("uhm-ssim", p) - float(counted)) > 1e-3
+
+
+@pytest.mark.parametrize("quantity", ["psnr", "ssim", "lpips"])
+def test_uhm_has_no_value_for_a_prediction_that_misses_the_hand(quantity: str) -> None:
+    p = pair()
+    missed = Pair(p.prediction, p.truth, p.mask, prediction_alpha=(p.mask == 0).astype(np.float32))
+    (found,) = metric(f"uhm-{quantity}")([missed])
+    assert found.value is None and "misses the hand, which the official code calls perfect" in found.reason
+
+
+@pytest.mark.parametrize("quantity", ["psnr-hdr", "psnr-ldr", "ssim", "lpips"])
+def test_stanford_orb_stops_at_a_negative_value_in_its_mask(quantity: str) -> None:
+    p, name = pair(), f"stanford-orb-{quantity}"
+    rows, columns = np.nonzero(p.mask > 0.99)
+    middle = len(rows) // 2
+    for where, change, count in (
+        ((rows[middle], columns[middle], 1), -1e-4, "1 negative value "),
+        (np.s_[..., 0], -p.truth[..., 0], "negative values "),
+        (np.s_[...], -p.truth, "negative values "),
+    ):
+        wrong = p.truth.copy()
+        wrong[where] = change
+        (found,) = metric(name)([Pair(wrong, p.truth, p.mask)])
+        assert found.value is None and f"{count}in the eroded mask: the official code stops" in found.reason
+    outside = np.where(p.mask[..., None] > 0, p.prediction, np.float32(-0.5))
+    assert score(name, Pair(outside, p.truth, p.mask)) == score(name, p)
 
 
 def test_stanford_orb_does_not_erode_from_the_border() -> None:
@@ -222,7 +272,7 @@ def test_stanford_orb_scores_a_black_prediction_as_a_grey_one() -> None:
     assert score("stanford-orb-psnr-ldr", black) == pytest.approx(-10 * math.log10(error), abs=1e-5)
 
 
-def test_objects_with_lighting() -> None:
+def test_objects_with_lighting(official_lpips: Lpips) -> None:
     p = pair()
     hand = p.mask > 0.5
     truth = np.round(255 * np.clip(p.truth.astype(np.float64), 0, 1) ** (1 / 2.2)) / 255
@@ -253,7 +303,7 @@ def test_objects_with_lighting() -> None:
     similarity = uniform_ssim(black[0][None], black[1][None], 1.0)[0].permute(1, 2, 0).numpy()
     assert score("objects-with-lighting-ssim", p) == pytest.approx(similarity[hand].mean(), abs=1e-4)
     grey = [torch.from_numpy((2 * i - 1) * hand[..., None]).permute(2, 0, 1)[None] for i in (prediction, truth)]
-    expected = lpips_of("alex", *grey, size=hand.shape).numpy()[hand].mean()
+    expected = official_lpips("alex", *grey, spatial=True).numpy()[hand].mean()
     assert score("objects-with-lighting-lpips", p) == pytest.approx(float(expected), abs=1e-4)
 
 
@@ -265,9 +315,12 @@ def test_a_perfect_prediction(name: str) -> None:
     if declared is not None:
         assert found == pytest.approx(declared, abs=1e-6)
     elif name.startswith("palm"):  # the truth is white at the soft edge
-        assert {"ssim": 0.9 < found < 0.99, "lpips": 0 < found < 0.2}[name.rpartition("-")[2]]
+        expected = {"psnr": found == 100, "ssim": 0.9 < found < 0.99, "lpips": 0 < found < 0.2}
+        assert expected[name.rpartition("-")[2]]
     elif name == "stanford-orb-ssim":
         assert 0.9999 < found < 1
+    elif name.startswith("goliath"):  # the truth is clamped, the prediction is not
+        assert {"psnr": 25 < found < 45, "ssim": 0.95 < found < 0.999}[name.rpartition("-")[2]]
     else:  # the truth has 8 bits, the prediction has not
         assert {"psnr": found > 45, "ssim": found > 0.99, "lpips": found < 0.01}[name.rpartition("-")[2]]
 
@@ -348,8 +401,13 @@ def test_signatures_say_what_decides_the_value() -> None:
     for name, terms in {
         "palm-official-ssim": {"rows:wrapped-at-height", "background:white", "range:2", "window:uniform7"},
         "palm-official-lpips": {"net:vgg", "normalised:twice"},
-        "goliath-psnr": {"region:full", "masked:difference", "peak:255", "space:linear"},
-        "stanford-orb-psnr-hdr": {"eroded:5x5", "scale:rgb", "clip:0-4", "at-least:uniform-0.5"},
+        "goliath-psnr": {"clip:truth", "clipped-to:0-255", "region:full", "masked:difference", "peak:255", "v2"},
+        "goliath-ssim:clip=both": {"clip:both", "padding:zero", "space:linear"},
+        "uhm-ssim": {"torchmetrics:1.4.1"},
+        "uhm-ssim:torchmetrics=1.4.2": {"torchmetrics:1.4.2"},
+        "palm-official-psnr:codes=truncated": {"codes:truncated"},
+        "objects-with-lighting-ssim": {"border:mirrored"},
+        "stanford-orb-psnr-hdr": {"negative:none", "eroded:5x5", "scale:rgb", "clip:0-4", "at-least:uniform-0.5"},
         "objects-with-lighting-lpips": {"exposure:search", "balance:0.5-2", "space:gamma2.2", "map:spatial"},
         "harp-lpips": {"net:alex", "normalised:never", "background:white"},
     }.items():

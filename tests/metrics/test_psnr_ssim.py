@@ -49,6 +49,14 @@ def test_ssim_in_a_region_is_the_whole_images_map_there(seed: int, height: int) 
     assert metric("ssim:region=full")([p])[0].value == pytest.approx(mean, abs=1e-9)
 
 
+def test_a_box_that_is_the_whole_picture_counts_the_border_and_says_so() -> None:
+    p = images(6)
+    everywhere = Pair(p.prediction, p.truth, np.ones_like(p.mask))
+    box, full = metric("ssim:region=box"), metric("ssim:region=full")
+    assert abs(box([everywhere])[0].value - full([everywhere])[0].value) > 1e-3
+    assert "border:mirrored" in box.signature and "border:left-out" in full.signature
+
+
 def test_ssim_is_the_formula_of_the_paper() -> None:
     """Wang et al. 2004, Eq. 13-16, one window written out in float64: 11 x 11 Gaussian, K1 = .01, K2 = .03, L = 1."""
     p = images(4)
