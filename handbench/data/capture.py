@@ -12,11 +12,13 @@ from ..scene import Frame, Observation
 class Capture(ABC):
     """Recorded frames of some subjects. Frames are light; `observe` reads images.
 
-    `digest` identifies the content: captures of equal digest give equal pixels.
+    `digest` identifies the content: captures of equal digest give equal pixels. `hand` names the registered hand model
+    whose joints the poses turn and whose shared surface the meshes are; None if there is none.
     """
 
     name: str
     digest: str
+    hand: str | None = None
 
     @abstractmethod
     def frames(self) -> tuple[Frame, ...]:

@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ..scene import Pose
-from . import subdivision
-from .identity import Identity
-from .model import OpenHand
+from .handmodel import HandModel
 
 LEVEL = 1  # of the surface that is tested; coarse vertices alone miss what dips between them
 TOLERANCE = 0.002  # metres: skin that touches is pressed in by about as much
@@ -32,9 +30,16 @@ class Penetration:
         return self.count == 0
 
 
-def _parts(hand: OpenHand) -> list[str]:
-    """The rigid part of each joint: forearm, palm (wrist and metacarpals), or a phalanx."""
-    return ["forearm" if n == "forearm" else "palm" if n == "wrist" or n[-1] == "0" else n for n in hand.joint_names]
+def _parts(hand: HandModel) -> list[str]:
+    """The rigid part of each joint: forearm, palm (wrist and metacarpals), or a phalanx such as "index1"."""
+    parts = ["palm"] * len(hand.parents)
+    above = hand.parents[hand.wrist]
+    while above >= 0:
+        parts[above], above = "forearm", hand.parents[above]
+    for finger, chain in zip(hand.fingers, hand.chains, strict=True):
+        for number, joint in enumerate(chain, start=1):
+            parts[joint] = f"{finger}{number}"
+    return parts
 
 
 def _adjacent(a: str, b: str) -> bool:
@@ -83,7 +88,7 @@ def _winding(vertices: NDArray[Any], faces: NDArray[Any], points: NDArray[Any], 
     return np.bincount(ray, weights=crossing, minlength=len(points))
 
 
-def penetration(hand: OpenHand, vertices: NDArray[Any]) -> Penetration:
+def penetration(hand: HandModel, vertices: NDArray[Any]) -> Penetration:
     """How deep parts of a posed hand run into each other; vertices (V, 3) of the coarse mesh, metres.
 
     For each part, all parts that are not its neighbours are cut out of the surface and closed with caps; a vertex
@@ -91,8 +96,9 @@ def penetration(hand: OpenHand, vertices: NDArray[Any]) -> Penetration:
     """
     import open3d as o3d
 
-    fine = hand.subdivide(torch.tensor(vertices), LEVEL).numpy()
-    faces = subdivision.triangles(hand.quads(LEVEL))
+    level = min(LEVEL, hand.levels)
+    fine = hand.subdivide(torch.tensor(vertices), level).numpy()
+    faces = hand.topology(level).faces.astype(np.int64)
     a, b, c = (fine[faces[:, k]] for k in range(3))
     normals = np.zeros_like(fine)
     for k in range(3):
@@ -102,7 +108,7 @@ def penetration(hand: OpenHand, vertices: NDArray[Any]) -> Penetration:
     inside = _winding(fine, faces, lifted, normals) > 0.5
 
     parts = _parts(hand)
-    part_of = np.array([parts[j] for j in hand.weights(LEVEL).argmax(1)])
+    part_of = np.array([parts[j] for j in hand.weights(level).argmax(1)])
     face_part = part_of[faces[:, 0]]
     depths = np.zeros(len(fine))
     for part in np.unique(part_of[inside]):
@@ -119,14 +125,14 @@ def penetration(hand: OpenHand, vertices: NDArray[Any]) -> Penetration:
     return Penetration(float(depths.max()), int((depths > TOLERANCE).sum()))
 
 
-def relaxed(hand: OpenHand, identity: Identity, pose: Pose, steps: int = 5) -> Pose:
+def relaxed(hand: HandModel, shape: ArrayLike, pose: Pose, steps: int = 5) -> Pose:
     """The pose, or if it intersects, the strongest fraction of it (found by bisection) that does not.
 
     Fractions move the joints towards the rest pose, which is free of intersection; the placement stays.
     """
 
     def free(amount: float) -> bool:
-        posed = hand.skin(identity, amount * pose.joints, dtype=torch.float64)
+        posed = hand.skin(shape, amount * pose.joints, dtype=torch.float64)
         return penetration(hand, posed.numpy()).free
 
     if free(1.0):

@@ -13,7 +13,10 @@ from ..errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Identity:
-    """blend (B,) coefficients; bone_length, bone_width (J,) factors along and across each joint's bone (1: neutral)."""
+    """blend (B,) coefficients; bone_length, bone_width (J,) factors along and across each joint's bone (1: neutral).
+
+    `numpy.asarray` of it is the shape (B + 2 J,) that a `HandModel` takes.
+    """
 
     blend: NDArray[Any]
     bone_length: NDArray[Any]
@@ -30,6 +33,9 @@ class Identity:
                 raise InputError(f"identity: {name} has {value.min():g}, but factors must be positive (1 is neutral)")
             value.flags.writeable = False
             object.__setattr__(self, name, value)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.concatenate([self.blend, self.bone_length, self.bone_width]).astype(dtype or np.float64)
 
     def scaled(self, factor: float) -> Identity:
         """The same hand, larger or smaller."""

@@ -11,32 +11,43 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from ..errors import InputError, unknown_name
-from ..scene import Mesh, Pose, Topology
+from ..scene import Pose, Topology
 from . import subdivision
 from .anatomy import bone_ends, joint_frames, joint_limits
+from .handmodel import HandModel, Side, vector
 from .identity import Identity
-from .skinning import linear_blend, proportion
-from .template import Template, load_template
+from .poses import named_pose, sample_pose
+from .skinning import proportion
+from .template import FINGERS, Template, load_template
 
-MAX_LEVEL = 4
 SHORTEST, LONGEST = 0.16, 0.21  # wrist to middle finger tip of adults, metres
 
 
-class OpenHand:
+class OpenHand(HandModel):
     """A right hand in canonical space: metres, wrist at the origin, +y to the middle tip, palm to +z, thumb to +x.
 
-    Vertices of level l are those of l Catmull–Clark steps on the posed coarse mesh; UVs are subdivided linearly, so
-    a point of the skin keeps its UV at every level. Axis-angle components are explained in `handbench.hand.anatomy`.
+    A shape is an `Identity`, or its numbers as one vector. Vertices of level l are those of l Catmull–Clark steps on
+    the posed coarse mesh; UVs are subdivided linearly, so a point of the skin keeps its UV at every level. Axis-angle
+    components are explained in `handbench.hand.anatomy`.
     """
+
+    name = "openhand"
+    side: Side = "right"
+    fingers = FINGERS
+    levels = 4
 
     def __init__(self, template: Template) -> None:
         self.template = template
-        self.joint_names = template.joint_names
+        self.joint_names = names = template.joint_names
         self.parents = template.parents
+        self.wrist = names.index("wrist")
+        self.chains = tuple((names.index(f"{f}1"), names.index(f"{f}2"), names.index(f"{f}3")) for f in FINGERS)
         self.shape_names = template.shape_names
+        self.shape_size = len(template.shape_names) + 2 * len(names)
+        self.points = template.points
+        self.ends = bone_ends(template)
         self.frames = joint_frames(template)
-        self.limits = joint_limits(template.joint_names)
-        self._ends = bone_ends(template)
+        self.limits = joint_limits(names)
         self._cache: dict[Any, Any] = {}
 
     @staticmethod
@@ -64,54 +75,33 @@ class OpenHand:
         length = self.length(identity)
         return identity.scaled(float(np.clip(length, SHORTEST, LONGEST)) / length)
 
+    def sample_pose(self, rng: np.random.Generator, amount: float = 1.0) -> Pose:
+        return sample_pose(rng, amount)
+
+    def named_pose(self, name: str) -> Pose:
+        return named_pose(name)
+
     def length(self, identity: Identity) -> float:
         """Wrist to middle finger tip in the rest pose, metres."""
-        _, points = self._rest(identity, torch.float64)
+        _, points = self.rest_points(identity, torch.float64)
         return float(points[len(self.joint_names) + 2].norm())
 
-    # -- shape and pose -----------------------------------------------------------------------------------------
-
-    def rest(self, identity: Identity, dtype: torch.dtype = torch.float32) -> tuple[Tensor, Tensor]:
-        """Coarse vertices (V, 3) and joints (J, 3) of an identity in the rest pose."""
-        vertices, points = self._rest(identity, dtype)
-        return vertices, points[: len(self.joint_names)]
-
-    def _rest(self, identity: Identity, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-        blend = self._vector("identity blend", identity.blend, (len(self.shape_names),), dtype)
-        length = self._vector("identity bone_length", identity.bone_length, (len(self.joint_names),), dtype)
-        width = self._vector("identity bone_width", identity.bone_width, (len(self.joint_names),), dtype)
+    def rest_points(self, shape: Tensor | ArrayLike, dtype: torch.dtype = torch.float32) -> tuple[Tensor, Tensor]:
+        blend, length, width = self._parts(shape, dtype)
         vertices = self._tensor("vertices", dtype) + torch.tensordot(blend, self._tensor("shapes", dtype), 1)
         points = self._tensor("points", dtype) + torch.tensordot(blend, self._tensor("point_shapes", dtype), 1)
-        ends = torch.from_numpy(self._ends)
+        ends = torch.from_numpy(self.ends)
         return proportion(vertices, points, ends, self.parents, self._tensor("weights", dtype), length, width)
 
-    def skin(
-        self,
-        identity: Identity,
-        joint_rotations: Tensor | ArrayLike,
-        rotation: Tensor | ArrayLike = (0.0, 0.0, 0.0),
-        translation: Tensor | ArrayLike = (0.0, 0.0, 0.0),
-        dtype: torch.dtype = torch.float32,
-    ) -> Tensor:
-        """Coarse vertices (V, 3) of a posed identity: v -> R (linear blend skinning of v) + t.
-
-        joint_rotations (J, 3) axis-angle in the joints' frames; rotation (3,) axis-angle about the wrist and
-        translation (3,) in metres place the hand in the world. A tensor argument sets the dtype and is
-        differentiated through. Raises `InputError` for wrong shapes and for NaN.
-        """
-        for given in (joint_rotations, rotation, translation):
-            if isinstance(given, Tensor):
-                dtype = given.dtype
-        vertices, joints = self.rest(identity, dtype)
-        return linear_blend(
-            vertices,
-            joints,
-            self.parents,
-            self._tensor("weights", dtype),
-            self._cached(("frames", dtype), lambda: torch.tensor(self.frames, dtype=dtype)),
-            self._vector("joint_rotations", joint_rotations, (len(self.joint_names), 3), dtype),
-            self._vector("rotation", rotation, (3,), dtype),
-            self._vector("translation", translation, (3,), dtype),
+    def _parts(self, shape: Tensor | ArrayLike, dtype: torch.dtype) -> tuple[Tensor, ...]:
+        """Blend coefficients (B,), lengths and widths of the bones (J,) of a shape."""
+        sizes = [len(self.shape_names), len(self.joint_names), len(self.joint_names)]
+        if not isinstance(shape, Identity):
+            return vector("shape", shape, (self.shape_size,), dtype).split(sizes)
+        names = ("blend", "bone_length", "bone_width")
+        return tuple(
+            vector(f"identity {name}", getattr(shape, name), (size,), dtype)
+            for name, size in zip(names, sizes, strict=True)
         )
 
     # -- surface ------------------------------------------------------------------------------------------------
@@ -141,10 +131,9 @@ class OpenHand:
         """Quads (4^level Q, 4) of a level."""
         return self.template.quads if self._level(level) == 0 else self._step(level).quads
 
-    def mesh(self, identity: Identity, pose: Pose, level: int = 2) -> Mesh:
-        """The posed surface as numpy, exact to float64."""
-        coarse = self.skin(identity, pose.joints, pose.rotation, pose.translation, torch.float64)
-        return Mesh(self.subdivide(coarse, level).numpy(), self.topology(level))
+    def edges(self) -> NDArray[Any]:
+        quads = self.quads(0)
+        return np.concatenate([quads[:, [i, (i + 1) % 4]] for i in range(4)])
 
     # -- maps over the surface ----------------------------------------------------------------------------------
 
@@ -199,20 +188,10 @@ class OpenHand:
 
         return self._cached(("map", name, self._level(level)), build)
 
-    @staticmethod
-    def _level(level: int) -> int:
-        if not 0 <= level <= MAX_LEVEL:
-            raise InputError(f"subdivision level {level} is not in 0…{MAX_LEVEL}")
+    def _level(self, level: int) -> int:
+        if not 0 <= level <= self.levels:
+            raise InputError(f"subdivision level {level} is not in 0…{self.levels}")
         return level
-
-    @staticmethod
-    def _vector(name: str, value: Tensor | ArrayLike, shape: tuple[int, ...], dtype: torch.dtype) -> Tensor:
-        tensor = value if isinstance(value, Tensor) else torch.tensor(np.asarray(value, dtype=np.float64), dtype=dtype)
-        if tuple(tensor.shape) != shape:
-            raise InputError(f"hand: {name} has shape {tuple(tensor.shape)}, expected {shape}")
-        if not torch.isfinite(tensor).all():
-            raise InputError(f"hand: {name} holds NaN or infinity; give finite values")
-        return tensor.to(dtype)
 
 
 # How far one standard deviation of `sample_identity` moves the named blend shapes (1: MakeHuman's full slider).
@@ -225,3 +204,8 @@ NAMED_SPREAD = {
     "forearm_fat": 0.25,
     "forearm_muscle": 0.3,
 }
+
+
+def create() -> OpenHand:
+    """The open hand, as the table of hand models names it."""
+    return OpenHand.load()

@@ -191,7 +191,7 @@ def test_bad_input_is_refused(hand: OpenHand) -> None:
     with pytest.raises(InputError, match="unknown vertex map 'nails'; did you mean"):
         hand.vertex_map("nails", 0)
     with pytest.raises(InputError, match="joint_rotations"):
-        hand.mesh(hand.neutral(), Pose(np.zeros((3, 3))))
+        hand.mesh(hand.neutral(), Pose(np.zeros((3, 3))), 0)
 
 
 def test_rest_named_pose_is_no_rotation(hand: OpenHand) -> None:

@@ -24,6 +24,8 @@ _CACHE_SHARE = 1 / 16  # of the machine's memory, for single-light images as hal
 class OpenStage(Capture):
     """A generated capture; groups and fully lit frames are the exact weighted sums of single-light images."""
 
+    hand = "openhand"
+
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         path = folder / "capture.json"

@@ -1,0 +1,42 @@
+"""The hand models there are: by name, and by the surface that a mesh has."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from ..errors import Unsupported
+from ..registry import HANDS
+from ..scene import Topology
+from .handmodel import HandModel
+
+SHIPPED = "openhand"
+"""The hand that comes with handbench."""
+
+
+@cache
+def hand_model(name: str = SHIPPED) -> HandModel:
+    """The registered hand model of a name (one shared object); `InputError` with the closest names if there is none."""
+    model: HandModel = HANDS.load(name)()
+    return model
+
+
+def hand_of(topology: Topology) -> tuple[HandModel, int]:
+    """The registered hand model whose surface has these triangles, and the level of its subdivision.
+
+    Raises `Unsupported` if no model has.
+    """
+    known = [hand_model(name) for name in HANDS.entries()]
+    for hand in known:
+        for level in range(hand.levels + 1):
+            faces = hand.topology(level).faces
+            if len(faces) >= len(topology.faces):
+                if np.array_equal(faces, topology.faces):
+                    return hand, level
+                break
+    names = ", ".join(hand.name for hand in known)
+    raise Unsupported(
+        f"a mesh of {len(topology.faces)} triangles is of none of the hand models that are known ({names}); "
+        "use a capture tracked with one of them"
+    )
