@@ -17,7 +17,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 from .errors import InputError
 from .recording import Recording
@@ -34,6 +34,9 @@ def silent(step: int, total: int, **values: float) -> None:
     """A `Progress` that says nothing."""
 
 
+Role = Literal["method", "calibration"]
+
+
 @dataclass(frozen=True)
 class MethodInfo:
     """What the harness and the reader must know of a method.
@@ -41,7 +44,8 @@ class MethodInfo:
     universal   one prior serves every subject (False: `train` only prepares, the work is in `personalise`, and the
                 protocol says whether that sees the subject's training frames)
     linear      the method obeys the linear law
-    truth       the enrolment must hold the scored frames themselves: a calibration row, not a method
+    role        "calibration" for a row that tells whether a run is right and competes with none: the truth, the floor
+    truth       the enrolment must hold the scored frames themselves; only a calibration row may ask for that
     lights      the kinds of light it can draw: of "directional", "point", "environment", "unknown"
     fidelity    how a table must describe it, e.g. "faithful reimplementation, trained here"
     timed       its answers are computed when it is asked (False: they were made elsewhere, so no time is told)
@@ -52,6 +56,7 @@ class MethodInfo:
     summary: str
     universal: bool = False
     linear: bool = False
+    role: Role = "method"
     truth: bool = False
     lights: frozenset[LightKind] = frozenset({"directional", "environment"})
     fidelity: str = "reference"
@@ -60,6 +65,10 @@ class MethodInfo:
     def __post_init__(self) -> None:
         if odd := sorted(set(self.lights) - LIGHT_KINDS):
             raise InputError(f"method {self.name!r}: lights holds {odd[0]!r}; use {', '.join(sorted(LIGHT_KINDS))}")
+        if self.role not in get_args(Role):
+            raise InputError(f"method {self.name!r}: role is {self.role!r}; use one of {', '.join(get_args(Role))}")
+        if self.truth and self.role != "calibration":
+            raise InputError(f'method {self.name!r}: it is given the scored frames; set its role to "calibration"')
 
 
 class Avatar(ABC):

@@ -46,6 +46,7 @@ class Mean(Method):
         title="Mean predictor",
         summary="mean texture under the mean light",
         universal=True,
+        role="calibration",
         lights=LIGHT_KINDS,
         fidelity="calibration: the floor",
     )

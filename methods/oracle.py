@@ -38,6 +38,7 @@ class Oracle(Method):
         summary="the path-traced truth fed back",
         universal=True,
         linear=True,
+        role="calibration",
         truth=True,
         lights=LIGHT_KINDS,
         fidelity="calibration: must be perfect",

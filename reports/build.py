@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from handbench.bench.reading import Run, mismatch, read_run
+from handbench.bench.reading import Run, mismatch, read_run, role_of
 from handbench.bench.results import Results, Values
 from handbench.bench.statistics import CONFIDENCE, least_p
 from handbench.errors import InputError, unknown_name
@@ -42,7 +42,7 @@ def build(*runs: Run, baseline: str | None = None) -> Table:
         sources = tuple(_sources(results))
     against = _position(sources, baseline) if baseline else None
     notes = Footnotes()
-    kinds = [_kind(source.info) for source in sources]
+    kinds: list[Kind] = [role_of(source.info) for source in sources]
     measured = [kind == "method" for kind in kinds]
     cells: list[list[Cell]] = [[] for _ in sources]
     for start, group in enumerate(groups):
@@ -161,10 +161,6 @@ def _row(source: _Source, kind: Kind, cells: tuple[Cell, ...]) -> Row:
     times = _times(source.cells)
     fidelity = source.info["fidelity"]
     return Row(source.name, source.title, kind, fidelity, cells, times, nonlinearity=max(bends, default=None))
-
-
-def _kind(info: dict[str, Any]) -> Kind:
-    return "calibration" if info["truth"] or info["fidelity"].startswith("calibration") else "method"
 
 
 def _times(cells: Sequence[dict[str, Any]]) -> Times:

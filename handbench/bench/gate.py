@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, unknown_name
-from .reading import Run, mismatch
+from .reading import Run, mismatch, role_of
 from .results import Results, Values
 from .statistics import aggregate, differences, time_ratio
 
@@ -171,14 +171,10 @@ def _methods(baseline: Run, methods: Sequence[str] | None) -> list[str]:
     for name in methods or ():
         if name not in infos:
             raise unknown_name(f"method of {baseline.folder}", name, infos)
-    measured = [name for name, info in infos.items() if not _calibration(info)]
+    measured = [name for name, info in infos.items() if role_of(info) == "method"]
     if not methods and not measured:
         raise InputError(f"{baseline.folder} holds calibration rows only; name methods to compare with --methods")
     return list(methods or measured)
-
-
-def _calibration(info: dict[str, Any]) -> bool:
-    return bool(info["truth"]) or info["fidelity"].startswith("calibration")
 
 
 def _incomparable(new: _Side, old: _Side, methods: Sequence[str]) -> Iterator[str]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..method import Role
 from .store import Store
 
 _PLANNED = ("protocol", "methods", "seeds", "capture", "cells", "provenance")  # what run.json must tell
@@ -50,6 +52,13 @@ def read_plan(folder: Path) -> dict[str, Any]:
             f"{folder / 'run.json'} lacks {', '.join(lacking)}; it is damaged, so run again into this folder"
         )
     return plan
+
+
+def role_of(method: Mapping[str, Any]) -> Role:
+    """Whether a method of a run competes or calibrates. Runs before there was a role told it by other fields."""
+    if "role" in method:
+        return "calibration" if method["role"] == "calibration" else "method"
+    return "calibration" if method["truth"] or method["fidelity"].startswith("calibration") else "method"
 
 
 def mismatch(first: Run, other: Run) -> str | None:

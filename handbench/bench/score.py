@@ -72,4 +72,4 @@ def _asked(protocol: Protocol, data: Path | None, told: Steps) -> tuple[Asked, S
 def _calibration(protocol: Protocol) -> list[str]:
     """The protocol's rows that say whether a run is right: the truth and the floor."""
     infos = {name: make_method(METHODS.entry(name), protocol.preset_of(name)).info for name in protocol.methods}
-    return [name for name, info in infos.items() if info.truth or info.fidelity.startswith("calibration")]
+    return [name for name, info in infos.items() if info.role == "calibration"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ..reading import role_of
 from .evidence import Evidence
 from .records import named, told
 
@@ -37,11 +38,7 @@ def oracle(evidence: Evidence) -> tuple[bool | None, str]:
 
 def floor(evidence: Evidence) -> tuple[bool | None, str]:
     """The floor covers every query, some method is above it, and every method that is below it somewhere is named."""
-    floors = {
-        info["name"]
-        for info in evidence.plan["methods"]
-        if not info["truth"] and info["fidelity"].startswith("calibration")
-    }
+    floors = {info["name"] for info in evidence.plan["methods"] if not info["truth"] and role_of(info) == "calibration"}
     rows = [row for row in evidence.table.rows if row.kind != "published"]
     lowest = next((row for row in rows if row.name in floors), None)
     methods = [row for row in rows if row.kind == "method"]
