@@ -90,7 +90,13 @@ def _cell(subject: int, values: np.ndarray) -> dict[str, Any]:
         for (c, q, m), value in zip(places, values.tolist(), strict=True)
     ]
     spread = {"median": 4.0, "min": 3.0, "max": 6.0, "n": 12, "values": [4.0] * 12}
-    times = {"train_s": 40.0, "personalise_s": 0.2, "first_ms": spread, "relight_ms": spread, "score_s": 3.0}
+    times = {
+        "train_s": 40.0,
+        "personalise_s": 0.2,
+        "new_pose_ms": {"olat": spread},
+        "known_pose_ms": {"olat": spread},
+        "score_s": 3.0,
+    }
     device = {"cpu": "made up", "cores": 2, "threads": 2, "memory_gb": 8.0, "gpus": [], "networks": "cpu"}
     about = {"subject": f"s{subject:02d}", "seed": 0, "device": device, "laws": {"linearity": 1e-7}}
     return {**about, "times": times, "same_pixels": True, "predictions": None, "error": None, "scores": scores}

@@ -31,7 +31,7 @@ class Scene:
     """A posed hand at the covered texels of an R x R texture under distant lights, shadows known."""
 
     def __init__(self, frame: Frame, size: int, lights: int) -> None:
-        posed = PosedSurface.of(frame.mesh, size)
+        posed = PosedSurface(frame.mesh, size)
         self.lights = stage(lights, lights)
         self.texels = posed.atlas.count
         roughness = torch.from_numpy(np.random.default_rng(1).uniform(0.3, 0.9, self.texels)).float()
@@ -129,7 +129,7 @@ def _skips(frame: Frame) -> list[Measurement]:
         mesh = Mesh(frame.mesh.vertices, frame.mesh.topology)  # nothing is known of it
         with skipping(skips):
             start = time.perf_counter()
-            posed = PosedSurface.of(mesh, 256)
+            posed = PosedSurface(mesh, 256)
             given = light_samples(light)
             rough = torch.full((posed.atlas.count,), 0.4)
             maps = posed.normal, posed.position, rough

@@ -64,7 +64,7 @@ def _train(config: Config, training: Recording) -> tuple[URHandPrior, list[float
 def _networks(prior: URHandPrior, frame: Frame) -> list[Measurement]:
     """The networks' share of a frame under 1, 32 and 512 white lights: it must not grow with their number."""
     model, found = prior.model, []
-    posed = PosedSurface.of(frame.mesh, model.config.texture)
+    posed = PosedSurface(frame.mesh, model.config.texture)
     texture = torch.rand(3, model.config.texture, model.config.texture)
     with torch.no_grad():
         material = model.material(texture, torch.from_numpy(frame.pose.joints.copy()).float(), posed)

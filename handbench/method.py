@@ -1,11 +1,16 @@
 """The one interface of every relighting method, and the laws `handbench check` holds it to.
 
-    Method.train(recording, seed)   -> Prior     what all subjects teach (universal methods work here)
-    Prior.personalise(enrolment)    -> Avatar    what one subject's enrolment adds
-    Avatar.relight(query)           -> Prediction
+    Method.train(recording, seed)   -> Prior          what all subjects teach (universal methods work here)
+    Prior.personalise(enrolment)    -> Avatar         what one subject's enrolment adds
+    Avatar.pose(viewpoint)          -> PosedAvatar    what a pose and a camera add
+    PosedAvatar.relight(light)      -> Prediction     a picture
+
+What a method keeps from one light to the next is in the PosedAvatar, which the caller holds for as long as it asks
+for that pose and camera: no method needs a cache of its own.
 
 Laws
     no mutation     a call changes neither its arguments nor a later answer of the same call
+    no memory       a new PosedAvatar of the same viewpoint answers as one that drew other lights before
     same seed       training twice with one seed gives the same prior on one machine
     round trip      load(save(prior)) answers as the prior does
     linear          if declared: relight(a L1 + b L2) = a relight(L1) + b relight(L2)
@@ -17,11 +22,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, Protocol, final, get_args
 
-from .errors import InputError
+from .errors import InputError, Unsupported
 from .recording import Recording
-from .scene import LIGHT_KINDS, LightKind, Prediction, Query
+from .scene import LIGHT_KINDS, Light, LightKind, Prediction, Query, Viewpoint
 
 
 class Progress(Protocol):
@@ -71,15 +76,44 @@ class MethodInfo:
             raise InputError(f'method {self.name!r}: it is given the scored frames; set its role to "calibration"')
 
 
+class PosedAvatar(ABC):
+    """A subject in one pose, seen by one camera, ready for any light."""
+
+    @abstractmethod
+    def relight(self, light: Light) -> Prediction:
+        """Draw the hand under a light; the picture has the camera's size.
+
+        Asked again with the same light it gives the same picture, whatever it drew in between. What is worked out
+        for one light may be kept for the next. Raises `Unsupported` for a light outside the method's abilities.
+        """
+
+
 class Avatar(ABC):
-    """One subject, ready to be relit."""
+    """One subject, ready to be posed."""
+
+    @abstractmethod
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        """The subject in a pose, before a camera: all that does not depend on the light is worked out here.
+
+        Raises `Unsupported` for a pose or a camera outside the method's abilities.
+        """
+
+    def relight(self, query: Query) -> Prediction:
+        """Draw one query: `pose`, then `PosedAvatar.relight`. Only a `RecordedAvatar` answers otherwise."""
+        return self.pose(query.viewpoint).relight(query.light)
+
+
+class RecordedAvatar(Avatar):
+    """A subject whose pictures were made elsewhere and are looked up by the names of queries, not drawn."""
 
     @abstractmethod
     def relight(self, query: Query) -> Prediction:
-        """Draw the query; the picture has the camera's size.
+        """The picture of a query. Raises `Unsupported` if there is none."""
 
-        Raises `Unsupported` for a light or pose outside the method's abilities.
-        """
+    @final
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        """Raises `Unsupported`: there are pictures of whole queries only."""
+        raise Unsupported(f"{viewpoint.key} cannot be posed: recorded pictures are looked up by their queries")
 
 
 class Prior(ABC):

@@ -31,7 +31,7 @@ class Skips:
     occluded        blocks of texel-light pairs that are all in shadow
     missing_lobes   the specular lobe where a model or a method has none
     outside_box     pixels outside the hand's box
-    repeated        what is known of the same pose, light and camera already
+    known           what a posed avatar or surface worked out for earlier lights
     """
 
     dark_lights: bool = True
@@ -42,7 +42,7 @@ class Skips:
     occluded: bool = True
     missing_lobes: bool = True
     outside_box: bool = True
-    repeated: bool = True
+    known: bool = True
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.faint_lights < 1.0:

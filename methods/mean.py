@@ -9,9 +9,9 @@ import torch
 
 from handbench.data.texture import mean_texture
 from handbench.errors import Unsupported
-from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
-from handbench.render.posed import raster
-from handbench.scene import LIGHT_KINDS, Prediction, Query
+from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.render.raster import rasterise
+from handbench.scene import LIGHT_KINDS, Light, Prediction, Viewpoint
 
 from .nets.weights import load_state, save_state
 from .picture import prediction
@@ -23,8 +23,18 @@ class MeanAvatar(Avatar):
     def __init__(self, texture: torch.Tensor) -> None:
         self._texture = texture
 
-    def relight(self, query: Query) -> Prediction:
-        return prediction(raster(query.mesh, query.camera), self._texture)
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        return PosedMean(prediction(rasterise(viewpoint.mesh, viewpoint.camera), self._texture))
+
+
+class PosedMean(PosedAvatar):
+    """One picture for every light."""
+
+    def __init__(self, picture: Prediction) -> None:
+        self._picture = picture
+
+    def relight(self, light: Light) -> Prediction:
+        return self._picture
 
 
 class MeanPrior(Prior):

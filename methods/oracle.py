@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from handbench.errors import Unsupported
-from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
+from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, RecordedAvatar, Recording, silent
 from handbench.scene import LIGHT_KINDS, Frame, Prediction, Query
 
 
-class OracleAvatar(Avatar):
+class OracleAvatar(RecordedAvatar):
     def __init__(self, truth: Recording) -> None:
         self._truth = truth
         self._frames: dict[str, Frame] = {frame.key: frame for frame in truth.frames}

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import lru_cache
-
 import numpy as np
 import torch
 from torch import Tensor
@@ -23,28 +20,18 @@ def prediction(raster: Raster, texture: Tensor) -> Prediction:
         bad = int((~image.isfinite()).sum())
         raise NonFinite(f"the method drew {bad} values that are NaN or infinite")
     alpha = raster.alpha
-    depth, normal = _Drawn(alpha.shape, _depth, raster), _Drawn((*alpha.shape, 3), _normal, raster)
+    depth, normal = _Drawn(alpha.shape, "depth_map", raster), _Drawn((*alpha.shape, 3), "normal_map", raster)
     return Prediction(image.numpy(), alpha, depth=depth, normal=normal)
 
 
 class _Drawn:
-    """A map that is drawn when numpy asks for it: no relighting waits for geometry that nothing scores."""
+    """A map of a raster that is drawn when numpy asks for it: no relighting waits for geometry that nothing scores."""
 
-    def __init__(self, shape: tuple[int, ...], draw: Callable[[Raster], Array], raster: Raster) -> None:
-        self.shape, self._draw, self._raster = shape, draw, raster
+    def __init__(self, shape: tuple[int, ...], name: str, raster: Raster) -> None:
+        self.shape, self._name, self._raster = shape, name, raster
 
     def __array__(self, dtype: np.dtype | None = None, copy: bool | None = None) -> Array:
-        return np.array(self._draw(self._raster), dtype=dtype, copy=copy)
-
-
-@lru_cache(maxsize=2)  # scoring asks light by light, and the lights of a view share a raster
-def _depth(raster: Raster) -> Array:
-    return raster.depth_map()
-
-
-@lru_cache(maxsize=2)
-def _normal(raster: Raster) -> Array:
-    return raster.normal_map()
+        return np.array(getattr(self._raster, self._name), dtype=dtype, copy=copy)
 
 
 def display(radiance: Tensor) -> Tensor:

@@ -17,12 +17,12 @@ from torch import Tensor
 
 from handbench.data.texture import mean_texture
 from handbench.errors import InputError, Unsupported, unknown_name
-from handbench.light.lightset import light_samples
-from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
-from handbench.render.posed import PosedSurface, raster
-from handbench.render.raster import Raster
+from handbench.light.lightset import LightSet, light_samples
+from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.render.posed import PosedSurface
+from handbench.render.raster import Raster, rasterise
 from handbench.render.shading import Model, light_features
-from handbench.scene import Frame, Prediction, Query
+from handbench.scene import Array, Frame, Light, Prediction, Viewpoint
 from handbench.skips import note, skips
 
 from .nets.weights import load_state, save_state
@@ -48,13 +48,14 @@ PRESETS = {
 def full_exposure(enrolment: Recording, size: int) -> float:
     """Mean diffuse feature over the surface in the enrolment's fully lit frames: what the mean texture was lit by."""
     features = []
-    seen = set()
+    poses: set[str] = set()
     for frame in enrolment.of_kind("full").frames:
-        if id(frame.mesh) not in seen:
-            seen.add(id(frame.mesh))
-            posed = PosedSurface.of(frame.mesh, size)
-            diffuse, _ = shade(posed, frame, 0.5, "diffuse")
-            features.append(float(diffuse[:, torch.from_numpy(posed.atlas.covered)].mean()))
+        if frame.pose_key not in poses:
+            poses.add(frame.pose_key)
+            surface = PosedSurface(frame.mesh, size)
+            lights = light_samples(frame.light)
+            diffuse, _ = Shading(surface, frame.camera.centre, "diffuse").features(lights, 0.5)
+            features.append(float(diffuse[:, torch.from_numpy(surface.atlas.covered)].mean()))
     return float(np.mean(features))
 
 
@@ -63,44 +64,63 @@ def normalised_texture(enrolment: Recording, size: int) -> Tensor:
     return mean_texture(enrolment, size).texture / full_exposure(enrolment, size)
 
 
-def shade(
-    posed: PosedSurface, query: Query, roughness: float, model: Model, picture: Raster | None = None
-) -> tuple[Tensor, Tensor]:
-    """Diffuse and specular feature textures (3, R, R) of a query on the coarse surface, with shadows.
+class Shading:
+    """The shading of a posed surface by a reflectance model, seen from a point, with hard shadows, light after light.
 
-    If they are made for one picture, texels that it does not look up are left at zero (`Skips.unseen`).
+    If it is made for one picture, texels that its raster does not look up are left at zero (`Skips.unseen`).
     """
-    atlas = posed.atlas
-    lights = light_samples(query.light)
-    normal, position, texels = posed.normal, posed.position, None
-    note("texels outside charts", atlas.size**2, atlas.size**2 - atlas.count)
-    if picture is not None and skips().unseen:
-        texels = np.flatnonzero(atlas.needed(picture.texels(atlas.size)))
-        note("texels out of sight", atlas.count, atlas.count - len(texels))
-        normal, position = normal[:, texels], position[:, texels]
-    visible = posed.visibility(lights, texels=texels)
-    rough = torch.full((normal.shape[1],), roughness)
-    diffuse, specular = light_features(normal, position, rough, query.camera.centre, lights, visible, model)
-    if texels is not None:
-        where = torch.from_numpy(texels)
-        diffuse, specular = (f.new_zeros(3, atlas.count).index_copy(1, where, f) for f in (diffuse, specular))
-    return atlas.scatter(diffuse), atlas.scatter(specular)
+
+    def __init__(self, surface: PosedSurface, centre: Array, model: Model, raster: Raster | None = None) -> None:
+        atlas = surface.atlas
+        self._surface, self._centre, self._model = surface, centre, model
+        self._normal, self._position = surface.normal, surface.position
+        self._texels: Array | None = None
+        if raster is not None and skips().unseen:
+            self._texels = np.flatnonzero(atlas.needed(raster.texels(atlas.size)))
+            self._normal, self._position = (values[:, self._texels] for values in (self._normal, self._position))
+
+    def features(self, lights: LightSet, roughness: float) -> tuple[Tensor, Tensor]:
+        """Diffuse and specular feature textures (3, R, R) under lights."""
+        atlas, texels = self._surface.atlas, self._texels
+        note("texels outside charts", atlas.size**2, atlas.size**2 - atlas.count)
+        if texels is not None:
+            note("texels out of sight", atlas.count, atlas.count - len(texels))
+        visible = self._surface.visibility(lights, texels=texels)
+        rough = torch.full((self._normal.shape[1],), roughness)
+        found = light_features(self._normal, self._position, rough, self._centre, lights, visible, self._model)
+        if texels is not None:
+            where = torch.from_numpy(texels)
+            found = (f.new_zeros(3, atlas.count).index_copy(1, where, f) for f in found)
+        diffuse, specular = found
+        return atlas.scatter(diffuse), atlas.scatter(specular)
 
 
 class ReflectanceAvatar(Avatar):
     def __init__(self, texture: Tensor, prior: ReflectancePrior) -> None:
-        self._texture = texture
-        self._prior = prior
+        self._texture, self._prior = texture, prior
 
-    def relight(self, query: Query) -> Prediction:
-        prior = self._prior
-        posed = PosedSurface.of(query.mesh, prior.config.texture)
-        picture = raster(query.mesh, query.camera)
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        return PosedReflectance(self._texture, self._prior, viewpoint)
+
+
+class PosedReflectance(PosedAvatar):
+    """The surface, what the camera sees of it, and its shadows so far."""
+
+    def __init__(self, texture: Tensor, prior: ReflectancePrior, viewpoint: Viewpoint) -> None:
+        self._texture, self._prior = texture, prior
+        surface = PosedSurface(viewpoint.mesh, prior.config.texture)
+        self._atlas = surface.atlas
+        self._raster = rasterise(surface.mesh, viewpoint.camera)
         # a fit that gave the specular lobe no share leaves nothing to work out
         model: Model = prior.model if prior.specular or not skips().missing_lobes else "diffuse"
-        diffuse, specular = shade(posed, query, prior.roughness, model, picture)
+        self._shading = Shading(surface, viewpoint.camera.centre, model, self._raster)
+
+    def relight(self, light: Light) -> Prediction:
+        prior = self._prior
+        lights = light_samples(light)
+        diffuse, specular = self._shading.features(lights, prior.roughness)
         colour = prior.diffuse * diffuse * self._texture + prior.specular * specular
-        return prediction(picture, posed.atlas.dilate(colour))
+        return prediction(self._raster, self._atlas.dilate(colour))
 
 
 class ReflectancePrior(Prior):
@@ -144,42 +164,52 @@ class Reflectance(Method):
         rng = np.random.default_rng(seed)
         chosen = [lit[i] for i in np.sort(rng.choice(len(lit), min(self._config.fit_frames, len(lit)), replace=False))]
         candidates = self._config.roughness if self._model == "brdf" else self._config.roughness[:1]
-        best = (np.inf, (1.0, 0.0, candidates[0]))
-        for step, rough in enumerate(candidates, start=1):
-            error, scales = _fit(self._samples(recording, chosen, textures, rough))
-            best = min(best, (error, (*scales, rough)), key=lambda pair: pair[0])
-            progress(step, len(candidates), loss=error)
-        return ReflectancePrior(self.info.name, self._model, self._config, best[1])
+        fits = [_Fit() for _ in candidates]
+        for step, frame in enumerate(chosen, start=1):
+            truth = np.moveaxis(recording.observe(frame).image, -1, 0).ravel()
+            for fit, pictures in zip(fits, self._pictures(frame, textures[frame.subject], candidates), strict=True):
+                fit.add(pictures, truth)
+            progress(step, len(chosen))
+        solved = [(*fit.solved(), rough) for fit, rough in zip(fits, candidates, strict=True)]
+        _, *fitted = min(solved, key=lambda found: found[0])
+        return ReflectancePrior(self.info.name, self._model, self._config, fitted)
 
-    def _samples(
-        self, recording: Recording, frames: list[Frame], textures: dict[str, Tensor], rough: float
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """For each frame the two shaded pictures (pixels, 2) and the recorded one (pixels,)."""
-        for frame in frames:
-            posed = PosedSurface.of(frame.mesh, self._config.texture)
-            picture = raster(frame.mesh, frame.camera)
-            diffuse, specular = shade(posed, frame, rough, self._model, picture)
-            maps = torch.cat([diffuse * textures[frame.subject], specular])
-            pictures = picture.sample(posed.atlas.dilate(maps))
-            truth = recording.observe(frame).image
-            yield pictures.reshape(2, -1).T.numpy().astype(np.float64), np.moveaxis(truth, -1, 0).ravel()
+    def _pictures(self, frame: Frame, texture: Tensor, candidates: Sequence[float]) -> Iterator[Array]:
+        """For each roughness the diffuse and the specular picture of a frame, (pixels, 2)."""
+        surface = PosedSurface(frame.mesh, self._config.texture)
+        raster = rasterise(surface.mesh, frame.camera)
+        shading = Shading(surface, frame.camera.centre, self._model, raster)
+        lights = light_samples(frame.light)
+        for rough in candidates:
+            diffuse, specular = shading.features(lights, rough)
+            pictures = raster.sample(surface.atlas.dilate(torch.cat([diffuse * texture, specular])))
+            yield pictures.reshape(2, -1).T.numpy().astype(np.float64)
 
 
-def _fit(samples: Iterator[tuple[np.ndarray, np.ndarray]]) -> tuple[float, tuple[float, float]]:
-    """Mean squared error and the two non-negative scales of the least squares fit."""
-    normal, right, square, count = np.zeros((2, 2)), np.zeros(2), 0.0, 0
-    for pictures, truth in samples:
-        normal += pictures.T @ pictures
-        right += pictures.T @ truth
-        square += float(truth.astype(np.float64) @ truth)
-        count += len(truth)
-    if normal[0, 0] <= 0.0:
-        raise InputError("the training frames show no lit hand; check lights, cameras and tracked meshes")
-    choices = [np.array([right[0] / normal[0, 0], 0.0])]
-    if np.linalg.cond(normal) < 1e12:
-        choices.append(np.linalg.solve(normal, right))
-    scales = min((c for c in choices if (c >= 0).all()), key=lambda c: c @ normal @ c - 2 * c @ right)
-    return (square + scales @ normal @ scales - 2 * scales @ right) / count, (float(scales[0]), float(scales[1]))
+class _Fit:
+    """Least squares of the recorded pictures by diffuse and specular ones: sums over frames."""
+
+    def __init__(self) -> None:
+        self._normal, self._right, self._square, self._count = np.zeros((2, 2)), np.zeros(2), 0.0, 0
+
+    def add(self, pictures: Array, truth: Array) -> None:
+        """A frame: its diffuse and specular pictures (pixels, 2), and the recorded one (pixels,)."""
+        self._normal += pictures.T @ pictures
+        self._right += pictures.T @ truth
+        self._square += float(truth.astype(np.float64) @ truth)
+        self._count += len(truth)
+
+    def solved(self) -> tuple[float, float, float]:
+        """Mean squared error, and the two scales, none negative."""
+        normal, right = self._normal, self._right
+        if normal[0, 0] <= 0.0:
+            raise InputError("the training frames show no lit hand; check lights, cameras and tracked meshes")
+        choices = [np.array([right[0] / normal[0, 0], 0.0])]
+        if np.linalg.cond(normal) < 1e12:
+            choices.append(np.linalg.solve(normal, right))
+        scales = min((c for c in choices if (c >= 0).all()), key=lambda c: c @ normal @ c - 2 * c @ right)
+        error = (self._square + scales @ normal @ scales - 2 * scales @ right) / self._count
+        return float(error), float(scales[0]), float(scales[1])
 
 
 def create(info: MethodInfo, model: Model, preset: str) -> Method:

@@ -13,8 +13,8 @@ from torch import Tensor
 from handbench.errors import Unsupported
 from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Recording
-from handbench.render.posed import PosedSurface, raster
-from handbench.render.raster import Raster
+from handbench.render.posed import PosedSurface
+from handbench.render.raster import Raster, rasterise
 from handbench.scene import Array, Frame
 
 Shadows: TypeAlias = Literal["hard", "soft", "none"]
@@ -81,7 +81,13 @@ def views(recording: Recording, size: int, shadows: Shadows = "hard", method: st
             seen.setdefault((frame.pose_key, frame.camera.name), []).append(_Lit(frame, lights))
     if not seen:
         raise Unsupported(f"{method} trains on single-light or group frames, and the training frames have none")
-    return [_view(_telling(pictures), recording, size, shadows, method) for pictures in seen.values()]
+    surfaces: dict[str, PosedSurface] = {}  # the cameras of a pose share one, and its shadows
+    found = []
+    for (pose, _), pictures in seen.items():
+        if pose not in surfaces:
+            surfaces[pose] = PosedSurface(pictures[0].frame.mesh, size)
+        found.append(_view(_telling(pictures), recording, surfaces[pose], shadows, method))
+    return found
 
 
 @dataclass(frozen=True)
@@ -112,10 +118,9 @@ def _telling(pictures: list[_Lit]) -> list[_Lit]:
     ]
 
 
-def _view(pictures: list[_Lit], recording: Recording, size: int, shadows: Shadows, method: str) -> View:
+def _view(pictures: list[_Lit], recording: Recording, posed: PosedSurface, shadows: Shadows, method: str) -> View:
     first = pictures[0].frame
-    posed = PosedSurface.of(first.mesh, size)
-    drawn = raster(first.mesh, first.camera)
+    drawn = rasterise(posed.mesh, first.camera)
     covered = (recording.observe(first).alpha > 0) | (drawn.alpha > 0)
     if not covered.any():
         raise Unsupported(f"{method} trains on pictures of a hand, and {first.key} shows none")

@@ -167,16 +167,22 @@ def _times(cells: Sequence[dict[str, Any]]) -> Times:
     """Medians over cells, with the extremes of everything measured."""
 
     def measured(name: str) -> list[Any]:
-        return [cell["times"][name] for cell in cells if cell["times"] and cell["times"][name] is not None]
+        return [cell["times"][name] for cell in cells if cell["times"] and cell["times"].get(name) is not None]
 
     def seconds(name: str) -> Span | None:
         values = measured(name)
         return Span(median(values), min(values), max(values)) if values else None
 
-    def milliseconds(name: str) -> Span | None:
-        spans = measured(name)
-        if not spans:
-            return None
-        return Span(median(s["median"] for s in spans), min(s["min"] for s in spans), max(s["max"] for s in spans))
+    def milliseconds(name: str) -> dict[str, Span]:
+        found: dict[str, list[Any]] = {}
+        for by_kind in measured(name):
+            for kind, spread in by_kind.items():
+                found.setdefault(kind, []).append(spread)
+        return {
+            kind: Span(median(s["median"] for s in each), min(s["min"] for s in each), max(s["max"] for s in each))
+            for kind, each in found.items()
+        }
 
-    return Times(seconds("train_s"), seconds("personalise_s"), milliseconds("first_ms"), milliseconds("relight_ms"))
+    return Times(
+        seconds("train_s"), seconds("personalise_s"), milliseconds("new_pose_ms"), milliseconds("known_pose_ms")
+    )

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from handbench.bench.statistics import Difference
 
-COST_TITLES = ("train s", "personalise s", "new pose ms", "known pose ms", "min–max", "non-linearity")
+COST_TITLES = ("train s", "personalise s", "new pose ms", "known pose, new light ms", "min–max", "non-linearity")
+LIGHT_TITLES = {  # of frame kinds, from the light that costs most to the one that costs least
+    "environment": "an environment",
+    "full": "the full stage",
+    "group": "a group of lights",
+    "olat": "a single light",
+}
 Kind = Literal["method", "calibration", "published"]
 
 
@@ -89,16 +96,16 @@ class Span:
 
 @dataclass(frozen=True)
 class Times:
-    """What a method costs; None where not measured.
+    """What a method costs; None or without an entry where not measured.
 
-    Seconds to train and to personalise one cell; milliseconds of the first frame of a pose, and of a frame
-    asked for again, when the pose is known.
+    Seconds to train and to personalise one cell. By kind of frame, milliseconds of a new pose (pose and relight
+    together, nothing kept) and of a known pose under a new light (relight alone).
     """
 
     train_s: Span | None
     personalise_s: Span | None
-    first_ms: Span | None
-    relight_ms: Span | None
+    new_pose_ms: Mapping[str, Span]
+    known_pose_ms: Mapping[str, Span]
 
 
 @dataclass(frozen=True)
@@ -199,6 +206,12 @@ class Table:
         return tuple(row for row in self.rows if row.kind != "published")
 
     @property
+    def timed_kind(self) -> str:
+        """The kind of frame whose times tables show: the first of `LIGHT_TITLES` that any row was timed under."""
+        timed = {kind for row in self.computed for kind in (*row.times.new_pose_ms, *row.times.known_pose_ms)}
+        return next((kind for kind in LIGHT_TITLES if kind in timed), "environment")
+
+    @property
     def groups(self) -> tuple[Group, ...]:
         return tuple(dict.fromkeys(column.group for column in self.columns))
 
@@ -261,12 +274,17 @@ def letter(note: int) -> str:
     return (letter(head) if head else "") + chr(ord("a") + tail)
 
 
-def cost_texts(row: Row) -> tuple[str, ...]:
-    """Times and deviation from linearity as text in the order of `COST_TITLES`."""
+def costs_title(table: Table) -> str:
+    """The head of the table of costs, which names the light that poses are timed under."""
+    return f"Time under {LIGHT_TITLES[table.timed_kind]}, and linearity in light"
+
+
+def cost_texts(row: Row, kind: str) -> tuple[str, ...]:
+    """Times under a kind of light and deviation from linearity as text in the order of `COST_TITLES`."""
     times = row.times
-    known = times.relight_ms
+    known = times.known_pose_ms.get(kind)
     spread = f"{three_digits(known.low)}–{three_digits(known.high)}" if known else "–"
-    seconds = map(duration, (times.train_s, times.personalise_s, times.first_ms, known))
+    seconds = map(duration, (times.train_s, times.personalise_s, times.new_pose_ms.get(kind), known))
     return (*seconds, spread, scientific(row.nonlinearity))
 
 

@@ -12,7 +12,7 @@ from .aggregate import RESAMPLES
 from .agreement import headline, sentence
 from .figures import ERROR_SCALE, Panel
 from .frames import KINDS
-from .model import Cell, Column, Span, Table, duration, letter, marks, number, scientific, three_digits
+from .model import LIGHT_TITLES, Cell, Column, Span, Table, duration, letter, marks, number, scientific, three_digits
 from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, clock, draw, told
 from .pictures import colour_stops, error_uri, image_uri, png_uri
 from .run import Run, machine
@@ -64,6 +64,7 @@ def render_page(table: Table, run: Run, shown: Shown) -> str:
         viewer=shown.viewer,
         studies={name: section for name, section in studies.items() if section},
         linear_limit=LINEAR,
+        light_titles=LIGHT_TITLES,
         resamples=RESAMPLES,
         machine=machine(run.plan["provenance"]),
     )

@@ -18,7 +18,7 @@ from .places import Box, Label, placed, width
 
 METRICS = 3  # the first of a protocol's metrics are drawn
 TIMES = {
-    "known": "Known pose, a frame",
+    "known": "Known pose, new light, a frame",
     "new": "New pose, a frame",
     "training": "Training and one personalisation",
 }
@@ -86,14 +86,14 @@ def plots(table: Table) -> tuple[Plot, ...]:
     return tuple(plot for plot in made if any(point.kind != "calibration" for point in plot.points))
 
 
-def seconds(row: Row, time: str) -> float | None:
-    """A row's time of the given kind; None if it was not measured or is too short for a clock."""
+def seconds(row: Row, time: str, kind: str) -> float | None:
+    """A row's time, of poses under a kind of light; None if it was not measured or is too short for a clock."""
     times = row.times
     if time == "training":
         parts = [span.median for span in (times.train_s, times.personalise_s) if span is not None]
         found = sum(parts) if parts else None
     else:
-        span = times.relight_ms if time == "known" else times.first_ms
+        span = (times.known_pose_ms if time == "known" else times.new_pose_ms).get(kind)
         found = None if span is None else span.median / 1e3
     return found or None
 
@@ -145,7 +145,7 @@ def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
     points: list[Point] = []
     left_out: list[str] = []
     for row in table.computed:
-        cell, cost = row.cells[index], seconds(row, time)
+        cell, cost = row.cells[index], seconds(row, time, table.timed_kind)
         if cell.value is None or not math.isfinite(cell.value):
             left_out.append(f"{row.title}: no value")
         elif cost is None:

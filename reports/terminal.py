@@ -23,6 +23,7 @@ from .model import (
     bounds,
     chance,
     cost_texts,
+    costs_title,
     letter,
     marks,
     number,
@@ -86,11 +87,11 @@ def difference_text(apart: Difference | None, metric: Metric) -> Text:
 
 
 def _costs(table: Table) -> RichTable:
-    grid = _empty("Time and linearity in light", table.computed)
+    grid = _empty(costs_title(table), table.computed)
     for title in COST_TITLES:
         grid.add_column(title.replace(" ", "\n").replace("non-", "non-\n"), justify="right", overflow="fold")
     for row in table.computed:
-        grid.add_row(_name(row), *cost_texts(row))
+        grid.add_row(_name(row), *cost_texts(row, table.timed_kind))
     return grid
 
 

@@ -12,10 +12,13 @@ from .model import (
     Cell,
     Column,
     Row,
+    Span,
     Table,
+    Times,
     bounds,
     chance,
     cost_texts,
+    costs_title,
     letter,
     marks,
     number,
@@ -31,9 +34,9 @@ CSV_DIFFERENCE = ("baseline", "difference", "difference_low", "difference_high",
 def render_csv(table: Table) -> str:
     """One line a value, in full precision.
 
-    Of a method alone are lines with the metrics train_s, personalise_s, first_ms, relight_ms and nonlinearity. Lines of
-    kind "agreement" hold Kendall's tau of a column, with its inversions as reasons. With a baseline there are more
-    columns, which hold the paired difference to it.
+    Of a method alone are lines with the metrics train_s, personalise_s, new_pose_ms.KIND and known_pose_ms.KIND for
+    each kind of frame, and nonlinearity. Lines of kind "agreement" hold Kendall's tau of a column, with its inversions
+    as reasons. With a baseline there are more columns, which hold the paired difference to it.
     """
     out = io.StringIO()
     columns = (*CSV_METHOD, *CSV_METRIC, *CSV_VALUE, *(CSV_DIFFERENCE if table.baseline else ()))
@@ -43,11 +46,9 @@ def render_csv(table: Table) -> str:
         head = dict(zip(CSV_METHOD, (row.name, row.title, row.kind, row.fidelity), strict=True))
         for column, cell in zip(table.columns, row.cells, strict=True):
             writer.writerow({**head, **_csv_column(column), **_csv_cell(row, cell, table)})
-        for name, unit in (("train_s", "s"), ("personalise_s", "s"), ("first_ms", "ms"), ("relight_ms", "ms")):
-            span = getattr(row.times, name)
-            if span is not None:
-                values = {"value": span.median, "low": span.low, "high": span.high}
-                writer.writerow({**head, "metric": name, "unit": unit, "higher_is_better": False, **values})
+        for name, unit, span in _measured(row.times):
+            values = {"value": span.median, "low": span.low, "high": span.high}
+            writer.writerow({**head, "metric": name, "unit": unit, "higher_is_better": False, **values})
         if row.nonlinearity is not None:
             bend = {"metric": "nonlinearity", "higher_is_better": False, "value": row.nonlinearity}
             writer.writerow({**head, **bend})
@@ -57,6 +58,16 @@ def render_csv(table: Table) -> str:
         place = {**_csv_column(column), "unit": "", "higher_is_better": True}
         writer.writerow({"kind": "agreement", **place, "value": agreement.tau, "reasons": inverted})
     return out.getvalue()
+
+
+def _measured(times: Times) -> Iterator[tuple[str, str, Span]]:
+    """Name, unit and value of the times that were measured."""
+    for name in ("train_s", "personalise_s"):
+        if (span := getattr(times, name)) is not None:
+            yield name, "s", span
+    for name in ("new_pose_ms", "known_pose_ms"):
+        for kind, span in getattr(times, name).items():
+            yield f"{name}.{kind}", "ms", span
 
 
 def _csv_column(column: Column) -> dict[str, object]:
@@ -95,10 +106,10 @@ def _markdown(table: Table) -> Iterator[str]:
             yield from _pipes(["Method", *titles])
             for row in table.compared:
                 yield _line([_title(row), *(_markdown_difference(row.cells[i], table.columns[i]) for i in indices)])
-    yield "\n## Time and linearity in light\n"
+    yield f"\n## {costs_title(table)}\n"
     yield from _pipes(["Method", *COST_TITLES])
     for row in table.computed:
-        yield _line([_title(row), *cost_texts(row)])
+        yield _line([_title(row), *cost_texts(row, table.timed_kind)])
     if table.agreements:
         yield "\n## Order of methods beside the published one\n"
     for agreement in table.agreements:

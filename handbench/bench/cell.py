@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from statistics import median
 from types import ModuleType
@@ -15,9 +15,9 @@ import numpy as np
 
 from ..data.capture import Capture
 from ..errors import HandbenchError, StorageError, Unsupported
-from ..method import Avatar, Method, MethodInfo, Progress
+from ..method import Avatar, Method, MethodInfo, PosedAvatar, Progress, RecordedAvatar
 from ..recording import Recording
-from ..scene import Frame, Light, Mesh, Observation, Prediction, Query, kind_of, leaves
+from ..scene import Frame, Light, Observation, Prediction, kind_of, leaves
 from ..skips import tallied
 from . import given
 from .failure import Failure, failure
@@ -28,7 +28,7 @@ from .protocol import Protocol, Selected
 from .store import Store
 
 _CHUNK = 16  # queries drawn, scored and dropped together: bounds memory, keeps metrics batched
-_REPEATS = 12  # queries that are drawn a second time to time a known pose
+_REPEATS = 4  # queries of each kind of frame that are drawn a second time, posed anew
 
 
 class CaptureReader:
@@ -81,7 +81,7 @@ def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Pro
     found["laws"] = laws()
     found["times"]["laws_s"] = time.perf_counter() - start
     if not method.info.timed:
-        found["times"] |= dict.fromkeys(("train_s", "personalise_s", "first_ms", "relight_ms"))
+        found["times"] |= {"train_s": None, "personalise_s": None, "new_pose_ms": {}, "known_pose_ms": {}}
     return found
 
 
@@ -94,8 +94,8 @@ def _compute(
     times: dict[str, Any] = {
         "train_s": None,
         "personalise_s": None,
-        "first_ms": None,
-        "relight_ms": None,
+        "new_pose_ms": {},
+        "known_pose_ms": {},
         "relight_s": 0.0,
         "score_s": 0.0,
     }
@@ -114,36 +114,75 @@ def _compute(
         told = {"times": times, "scores": scores, "same_pixels": None, "predictions": None, "error": failed.trace}
         told["skipped"] = {}
         return told, dict
-    asked = _Asked(bench.reader, method.info, avatar)
     # Of drawing alone: what of a training falls to which cell depends on when a run was stopped.
     with tallied() as tally:
-        result, laws = _relight(bench, cell, asked, scored, times, steps(f"{label}: relight"))
+        result, laws = _relight(bench, cell, method.info, avatar, scored, times, steps(f"{label}: relight"))
     result["skipped"] = {what: asdict(saved) for what, saved in tally.lines().items()}
     return {**result, "curve": curve.points()}, laws
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """An avatar and what is known of its method."""
+class _Drawing:
+    """Draws the queries of an avatar with the clock on; those of one viewpoint share a posed avatar.
 
-    reader: CaptureReader
-    info: MethodInfo
-    avatar: Avatar
+    new_pose_ms     by kind of frame, milliseconds of pose and relight together, for a viewpoint that nothing is kept of
+    known_pose_ms   by kind of frame, milliseconds of relight, for a viewpoint that was drawn under another light
+    seconds         of everything that was drawn
+    """
 
-    def relight(self, query: Query) -> tuple[Prediction | Failure, float]:
-        """A prediction or why there is none, and the milliseconds the call took."""
+    def __init__(self, reader: CaptureReader, info: MethodInfo, avatar: Avatar) -> None:
+        self._reader, self._info, self._avatar = reader, info, avatar
+        self._key = ""
+        self._posed: PosedAvatar | Failure
+        self.new_pose_ms: dict[str, list[float]] = {}
+        self.known_pose_ms: dict[str, list[float]] = {}
+        self.seconds = 0.0
+
+    def draw(self, frame: Frame) -> Prediction | Failure:
+        """A frame's picture, or why there is none. What the last frame's viewpoint keeps is used for an equal one."""
+        return self._checked(frame, self._recorded if isinstance(self._avatar, RecordedAvatar) else self._shared)
+
+    def anew(self, frame: Frame) -> Prediction | Failure:
+        """A frame's picture from a new posed avatar, which is dropped."""
+        return self._checked(frame, self._recorded if isinstance(self._avatar, RecordedAvatar) else self._new)
+
+    def _recorded(self, frame: Frame) -> Prediction:
+        return self._avatar.relight(frame.query)
+
+    def _new(self, frame: Frame) -> Prediction:
+        start = time.perf_counter()
+        prediction = self._avatar.pose(frame.viewpoint).relight(frame.light)
+        self.new_pose_ms.setdefault(frame.kind, []).append((time.perf_counter() - start) * 1e3)
+        return prediction
+
+    def _shared(self, frame: Frame) -> Prediction | Failure:
+        start, times = time.perf_counter(), self.known_pose_ms
+        if self._key != frame.viewpoint.key:
+            self._key, times = frame.viewpoint.key, self.new_pose_ms
+            try:
+                self._posed = self._avatar.pose(frame.viewpoint)
+            except Exception as error:  # for all lights of the viewpoint
+                self._posed = blame(error, self._reader)
+        if isinstance(self._posed, Failure):
+            return self._posed
+        prediction = self._posed.relight(frame.light)
+        times.setdefault(frame.kind, []).append((time.perf_counter() - start) * 1e3)
+        return prediction
+
+    def _checked(self, frame: Frame, draw: Callable[[Frame], Prediction | Failure]) -> Prediction | Failure:
         start = time.perf_counter()
         try:
-            if refusal := light_refusal(self.info, query.light):
+            if refusal := light_refusal(self._info, frame.light):
                 raise Unsupported(refusal)
-            prediction = self.avatar.relight(query)
-            milliseconds = (time.perf_counter() - start) * 1e3
-            size, wanted = prediction.alpha.shape, (query.camera.height, query.camera.width)
+            answer = draw(frame)
+            self.seconds += time.perf_counter() - start
+            if isinstance(answer, Failure):
+                return answer
+            size, wanted = answer.alpha.shape, (frame.camera.height, frame.camera.width)
             if size != wanted:
                 raise Unsupported(f"the picture is {size[1]}x{size[0]}, its camera says {wanted[1]}x{wanted[0]}")
         except Exception as error:
-            return blame(error, self.reader), 0.0
-        return prediction, milliseconds
+            return blame(error, self._reader)
+        return answer
 
 
 def light_refusal(info: MethodInfo, light: Light) -> str | None:
@@ -156,51 +195,67 @@ def light_refusal(info: MethodInfo, light: Light) -> str | None:
 
 
 def _relight(
-    bench: Bench, cell: Cell, asked: _Asked, scored: list[tuple[str, Frame]], times: dict[str, Any], progress: Progress
+    bench: Bench,
+    cell: Cell,
+    info: MethodInfo,
+    avatar: Avatar,
+    scored: list[tuple[str, Frame]],
+    times: dict[str, Any],
+    progress: Progress,
 ) -> tuple[dict[str, Any], Callable[[], dict[str, Any]]]:
     """Draw and score in chunks. The picture that is timed first is the one that is scored."""
     frames = list({frame.key: frame for _, frame in scored}.values())
-    repeated = {frames[i].key for i in np.linspace(0, len(frames) - 1, min(_REPEATS, len(frames))).round().astype(int)}
-    first: list[float] = []
-    again: list[float] = []
+    drawable = [frame for frame in frames if light_refusal(info, frame.light) is None]
+    warming, drawing = (_Drawing(bench.reader, info, avatar) for _ in range(2))
+    # what a first call loads or compiles stays off the clock
+    for frame in {frame.kind: frame for frame in drawable}.values():
+        warming.anew(frame)
+    repeated = _repeated(drawable)
     same: bool | None = None
     kept: str | None = None
     scores: dict[str, list[dict[str, Any]]] = {}
     trace: str | None = None
-    # Meshes of its own for the warm-up and for the cell: a cache that outlives a method (by the identity of a mesh)
-    # must not make the next method look faster. The warm-up keeps what a first call loads or compiles off the clock.
-    drawable = [frame for frame in frames if light_refusal(asked.info, frame.light) is None]
-    for query in _own_meshes(drawable[:1]):
-        times["relight_s"] += asked.relight(query)[1] / 1e3
-    queries = _own_meshes(frames)
     for begin in range(0, len(frames), _CHUNK):
         chunk = frames[begin : begin + _CHUNK]
         drawn: list[tuple[Frame, Prediction]] = []
         for i, frame in enumerate(chunk):
-            answer, milliseconds = asked.relight(queries[begin + i])
+            answer = drawing.draw(frame)
             progress(begin + i + 1, len(frames))
             if isinstance(answer, Failure):
                 trace = trace or answer.trace
                 scores[frame.key] = _missing(bench, "", frame, answer)
                 continue
-            first.append(milliseconds)
             drawn.append((frame, answer))
             if frame.key in repeated:
-                second, milliseconds = asked.relight(queries[begin + i])
+                second = drawing.anew(frame)
                 if not isinstance(second, Failure):
-                    again.append(milliseconds)
                     same = (same is not False) and _same(answer, second)
         start = time.perf_counter()
         scores |= _score(bench, drawn)
         times["score_s"] += time.perf_counter() - start
         kept = _keep(bench.store, cell.key, drawn) or kept
-    times |= {"first_ms": _spread(first), "relight_ms": _spread(again)}
-    times["relight_s"] += (sum(first) + sum(again)) / 1e3
+    times |= {
+        "new_pose_ms": {kind: _spread(values) for kind, values in drawing.new_pose_ms.items()},
+        "known_pose_ms": {kind: _spread(values) for kind, values in drawing.known_pose_ms.items()},
+    }
+    times["relight_s"] += warming.seconds + drawing.seconds
     flat = [{**score, "column": column} for column, frame in scored for score in scores[frame.key]]
     found = {"times": times, "scores": flat, "same_pixels": same, "predictions": kept, "error": trace}
-    if asked.info.truth or not drawable:
+    if info.truth or not drawable:
         return found, dict
-    return found, partial(measured, asked.avatar, drawable, queries[-1])
+    return found, partial(measured, avatar, drawable, frames[-1].query)
+
+
+def _repeated(frames: Sequence[Frame]) -> set[str]:
+    """Keys of at most `_REPEATS` frames of each kind, evenly spread: they are drawn a second time, posed anew."""
+    kinds: dict[str, list[str]] = {}
+    for frame in frames:
+        kinds.setdefault(frame.kind, []).append(frame.key)
+    return {
+        keys[i]
+        for keys in kinds.values()
+        for i in np.linspace(0, len(keys) - 1, min(_REPEATS, len(keys))).round().astype(int)
+    }
 
 
 def _keep(store: Store, key: str, drawn: Iterable[tuple[Frame, Prediction]]) -> str | None:
@@ -213,12 +268,6 @@ def _keep(store: Store, key: str, drawn: Iterable[tuple[Frame, Prediction]]) -> 
     with ThreadPoolExecutor() as pool:
         folders = list(pool.map(write, *zip(*drawn, strict=True)))
     return next(filter(None, folders), None)
-
-
-def _own_meshes(frames: list[Frame]) -> list[Query]:
-    """The queries of frames, with new meshes that queries of one pose share."""
-    meshes = {frame.pose_key: Mesh(frame.mesh.vertices, frame.mesh.topology) for frame in frames}
-    return [replace(frame.query, mesh=meshes[frame.pose_key]) for frame in frames]
 
 
 def blame(error: Exception, reader: CaptureReader) -> Failure:
@@ -265,9 +314,7 @@ def _same(one: Prediction, other: Prediction) -> bool:
     return bool(np.allclose(one.image, other.image, rtol=0, atol=1e-5 * scale, equal_nan=True))
 
 
-def _spread(values: list[float]) -> dict[str, Any] | None:
-    """Milliseconds of all repeats: the gate compares them one by one."""
-    if not values:
-        return None
+def _spread(values: list[float]) -> dict[str, Any]:
+    """Milliseconds of all draws: the gate compares them one by one."""
     told = {"median": median(values), "min": min(values), "max": max(values), "n": len(values)}
     return {**told, "values": [round(value, 4) for value in values]}

@@ -14,9 +14,9 @@ import numpy as np
 
 from ..data.capture import Capture
 from ..errors import HandbenchError, NonFinite, Unsupported
-from ..method import Avatar, Method, Prior
+from ..method import Avatar, Method, PosedAvatar, Prior, RecordedAvatar
 from ..registry import CAPTURES, METHODS
-from ..scene import Frame, Observation, Prediction, Query
+from ..scene import Frame, Observation, Prediction, Query, Viewpoint
 from . import given
 from .cell import CaptureReader, blame, light_refusal
 from .laws import LINEAR, deviation, deviations, drawing
@@ -63,6 +63,7 @@ def check_method(method: Method, protocol: Protocol, capture: Capture) -> list[V
     laws: dict[str, Callable[[], Verdict]] = {
         "finite": trial.finite,
         "no mutation": trial.no_mutation,
+        "no memory": trial.no_memory,
         "same seed": trial.same_seed,
         "round trip": trial.round_trip,
         "linear": trial.linear,
@@ -99,7 +100,7 @@ class _Refused(Avatar):
     def __init__(self, reason: Unsupported) -> None:
         self._reason = reason
 
-    def relight(self, query: Query) -> Prediction:
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
         raise self._reason
 
 
@@ -161,6 +162,29 @@ class _Trial:
         if changed := self.watched.changed():
             return Verdict("no mutation", False, f"the images of {changed[0]} were changed")
         return _equal("no mutation", "asked again", self.answers, repeated)
+
+    def no_memory(self) -> Verdict:
+        """A posed avatar that draws one light after the other, against a new one for each light."""
+        found: dict[str, _Answer] = {}
+        for queries in self._viewpoints():
+            avatar = self.avatars[queries[0].subject]
+            if isinstance(avatar, RecordedAvatar):
+                return Verdict("no memory", None, "its pictures are recorded, it poses nothing")
+            posed = avatar.pose(queries[0].viewpoint)
+            for query in (*queries, queries[0]):
+                found[query.key] = posed.relight(query.light)
+        if not found:
+            return Verdict("no memory", None, "no pose and camera has two lights that could be drawn")
+        return _equal("no memory", "under light after light", {key: self.answers[key] for key in found}, found)
+
+    def _viewpoints(self) -> list[list[Query]]:
+        """For each subject the drawn queries of the pose and camera with most lights, if there are two or more."""
+        groups: dict[str, dict[str, list[Query]]] = {}
+        for query in self.queries:
+            if query.key in _pictures(self.answers):
+                groups.setdefault(query.subject, {}).setdefault(query.viewpoint.key, []).append(query)
+        most = [max(views.values(), key=len) for views in groups.values()]
+        return [queries for queries in most if len(queries) > 1]
 
     def same_seed(self) -> Verdict:
         return _equal("same seed", "trained again", self.answers, self._answers(self._avatars(self._train())))

@@ -9,17 +9,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import product
 from statistics import median
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, unknown_name
+from ..scene import FRAME_KINDS
 from .reading import Run, mismatch, role_of
 from .results import Results, Values
 from .statistics import aggregate, differences, time_ratio
 
-TIMES = {"first_ms": "new pose, ms", "relight_ms": "known pose, ms"}  # of a frame; compared with their spread
+TIMES = {"new_pose_ms": "new pose", "known_pose_ms": "known pose, new light"}  # of a frame; compared with their spread
 _SEED = 0  # of the bootstrap
 
 
@@ -218,8 +220,10 @@ def _qualities(new: _Side, old: _Side, methods: Sequence[str], quality: Quality)
 def _times(new: _Side, old: _Side, methods: Sequence[str], allowed: float) -> Iterator[Check]:
     for method in methods:
         earlier = old.of(method)
-        for name, title in TIMES.items():
-            pairs = [(cell["times"][name], earlier[place]["times"][name]) for place, cell in new.of(method).items()]
+        for (name, title), kind in product(TIMES.items(), FRAME_KINDS):
+            title = f"{title}, {kind}, ms"
+            sides = [(cell, earlier[place]) for place, cell in new.of(method).items()]
+            pairs = [tuple((cell["times"].get(name) or {}).get(kind) for cell in both) for both in sides]
             measured = [pair for pair in pairs if all(pair)]
             if measured:
                 ours, theirs = zip(*measured, strict=True)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cache
-from itertools import count
 from typing import Any, Protocol
 
 import numpy as np
 
-from ..method import Avatar
+from ..method import Avatar, PosedAvatar
 from ..scene import Array, Frame, Group, Light, Query
 
 LINEAR = 1e-4  # greatest deviation of a method that is declared linear: what float32 sums in another order may leave
@@ -39,12 +38,14 @@ class Deviations:
 
 def drawing(avatar: Avatar, query: Query) -> Draw:
     """A function that gives the float64 picture (H, W, 3) of a query under a light times a factor, each drawn once."""
-    number = count()
+
+    @cache
+    def posed() -> PosedAvatar:
+        return avatar.pose(query.viewpoint)
 
     @cache
     def draw(light: Light, factor: float = 1.0) -> Array:
-        asked = replace(query, light=Group((light,)).scaled(factor), lighting=f"laws-{next(number)}")
-        return avatar.relight(asked).image.astype(np.float64)
+        return posed().relight(Group((light,)).scaled(factor)).image.astype(np.float64)
 
     return draw
 

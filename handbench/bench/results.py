@@ -41,7 +41,8 @@ _CELL = {
     "subject": "VARCHAR",
     "seed": "BIGINT",
     "device": "STRUCT(cpu VARCHAR, cores BIGINT, threads BIGINT, gpus VARCHAR[], networks VARCHAR)",
-    "times": f"STRUCT(train_s DOUBLE, personalise_s DOUBLE, score_s DOUBLE, first_ms {_SPREAD}, relight_ms {_SPREAD})",
+    "times": "STRUCT(train_s DOUBLE, personalise_s DOUBLE, score_s DOUBLE, "
+    f"new_pose_ms MAP(VARCHAR, {_SPREAD}), known_pose_ms MAP(VARCHAR, {_SPREAD}))",
     "laws": "STRUCT(linearity DOUBLE)",
     "same_pixels": "BOOLEAN",
     "error": "VARCHAR",
@@ -52,11 +53,15 @@ CREATE VIEW runs AS SELECT * FROM told_runs;
 CREATE VIEW methods AS SELECT * FROM told_methods;
 CREATE VIEW cells AS SELECT run, protocol, version, method.name AS method, subject, seed,
     times.train_s, times.personalise_s, times.score_s,
-    times.first_ms.median AS first_ms, times.first_ms.min AS first_min_ms, times.first_ms.max AS first_max_ms,
-    times.relight_ms.median AS relight_ms, times.relight_ms.min AS relight_min_ms,
-    times.relight_ms.max AS relight_max_ms, device.cpu, device.cores, device.threads,
+    device.cpu, device.cores, device.threads,
     array_to_string(device.gpus, ', ') AS gpus, device.networks, laws.linearity AS nonlinearity, same_pixels, error, key
     FROM found JOIN told_runs USING (run);
+CREATE VIEW times AS SELECT run, method, subject, seed, kind, new_pose.median AS new_pose_ms,
+    new_pose.min AS new_pose_min_ms, new_pose.max AS new_pose_max_ms, known_pose.median AS known_pose_ms,
+    known_pose.min AS known_pose_min_ms, known_pose.max AS known_pose_max_ms
+    FROM (SELECT *, times.new_pose_ms[kind] AS new_pose, times.known_pose_ms[kind] AS known_pose
+        FROM (SELECT run, method.name AS method, subject, seed, times, unnest(list_distinct(
+            list_concat(map_keys(times.new_pose_ms), map_keys(times.known_pose_ms)))) AS kind FROM found));
 CREATE VIEW scores AS SELECT run, protocol, version, score."column" AS "column", found.method, subject, seed,
     score.query, score.kind, coalesce(told_metrics.name, split_part(score.metric, '|', 1)) AS metric,
     score.metric AS signature, CASE WHEN isfinite(score.value) THEN score.value END AS value,

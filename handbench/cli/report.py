@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _FORMATS = ("terminal", "latex", "csv", "markdown", "html", "figures")
 _QUERY = """\
-views: runs, methods, cells, scores (one line a value; write "column" with its quotes). For example:
+views: runs, methods, cells, times, scores (one line a value; write "column" with its quotes). For example:
   handbench query runs/quick "SELECT method, avg(value) FROM scores WHERE metric = 'psnr' GROUP BY ALL"
   handbench query runs/quick "DESCRIBE scores"
 """

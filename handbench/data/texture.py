@@ -12,9 +12,9 @@ from torch import Tensor
 from ..errors import Unsupported
 from ..method import Recording
 from ..render.atlas import Atlas
+from ..render.posedmesh import PosedMesh
 from ..render.rays import RayScene
-from ..render.surface import mesh_normals
-from ..scene import Array, Camera, Frame, Mesh, Observation
+from ..scene import Array, Camera, Frame, Observation
 
 _EDGE = 0.99  # a texel whose pixel is covered less is at the silhouette: background would bleed in
 
@@ -40,8 +40,8 @@ def mean_texture(enrolment: Recording, size: int) -> MeanTexture:
         raise Unsupported(f"the enrolment of {names} has no fully lit frame, and the mean texture is made from those")
     atlas = Atlas.of(frames[0].mesh.topology, size)
     total, weight = np.zeros((3, atlas.count)), np.zeros(atlas.count)
-    for mesh, group in _by_mesh(frames):
-        surface = _TexelSurface.of(mesh, atlas)
+    for group in _by_pose(frames):
+        surface = _TexelSurface.of(PosedMesh(group[0].mesh), atlas)
         for frame in group:
             colour, cosine = surface.project(frame.camera, enrolment.observe(frame))
             total += colour * cosine
@@ -55,10 +55,10 @@ def mean_texture(enrolment: Recording, size: int) -> MeanTexture:
     return MeanTexture(_fill(mean, seen, atlas), atlas.scatter(torch.from_numpy(seen)))
 
 
-def _by_mesh(frames: tuple[Frame, ...]) -> list[tuple[Mesh, list[Frame]]]:
-    groups: dict[int, tuple[Mesh, list[Frame]]] = {}
+def _by_pose(frames: tuple[Frame, ...]) -> list[list[Frame]]:
+    groups: dict[str, list[Frame]] = {}
     for frame in frames:
-        groups.setdefault(id(frame.mesh), (frame.mesh, []))[1].append(frame)
+        groups.setdefault(frame.pose_key, []).append(frame)
     return list(groups.values())
 
 
@@ -71,10 +71,10 @@ class _TexelSurface:
     scene: RayScene
 
     @staticmethod
-    def of(mesh: Mesh, atlas: Atlas) -> _TexelSurface:
-        normal = atlas.interpolate(mesh_normals(mesh))
+    def of(mesh: PosedMesh, atlas: Atlas) -> _TexelSurface:
+        normal = atlas.interpolate(mesh.normals)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-        return _TexelSurface(atlas.interpolate(mesh.vertices), normal, RayScene.of(mesh))
+        return _TexelSurface(atlas.interpolate(mesh.vertices), normal, mesh.rays)
 
     def project(self, camera: Camera, observation: Observation) -> tuple[Array, Array]:
         """Colours (3, N) that the camera saw at the texels, and their weights (N,), zero where it did not."""

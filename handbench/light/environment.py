@@ -8,7 +8,6 @@ Radiance is constant within a texel.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -81,15 +80,13 @@ def rotate(environment: Environment, angle: float) -> Environment:
     return Environment(environment.name, turned)
 
 
-@lru_cache(maxsize=16)
 def to_directional(
     environment: Environment, height: int = 16, width: int = 32, dark: bool = False
 ) -> tuple[Array, Array]:
     """The map as distant lights: unit directions (N, 3) and irradiance (N, 3) float64; dark texels are left out.
 
     Each texel of the reduced map is a light at its centre whose irradiance is radiance times solid angle; `dark`
-    keeps those without any. The last maps' answers are kept (read-only): an environment lights many frames, and the
-    threads of the reduction's matrix products, which spin on, would slow the networks that follow.
+    keeps those without any.
     """
     small = resize(environment, height, width)
     where = directions(height, width).reshape(-1, 3)
@@ -97,7 +94,6 @@ def to_directional(
     if not dark:
         lit = power.any(axis=1)
         where, power = where[lit], power[lit]
-    where.flags.writeable = power.flags.writeable = False
     return where, power
 
 

@@ -66,10 +66,7 @@ def light_samples(
 
 
 def _environment(leaf: Environment, size: tuple[int, int], lights: int | None) -> tuple[Array, Array]:
-    again = skips().repeated
-    if lights is not None:
-        return reduced(leaf, lights) if again else reduced.__wrapped__(leaf, lights)
-    return (to_directional if again else to_directional.__wrapped__)(leaf, *size, dark=True)
+    return to_directional(leaf, *size, dark=True) if lights is None else reduced(leaf, lights)
 
 
 def _joined(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -55,9 +54,8 @@ class Reduction:
         return len(self.directions)
 
 
-@lru_cache(maxsize=16)
 def reduced(environment: Environment, lights: int) -> tuple[Array, Array]:
-    """The map as at most `lights` distant lights: unit directions (K, 3) and irradiance (K, 3) float64, read-only.
+    """The map as at most `lights` distant lights: unit directions (K, 3) and irradiance (K, 3) float64.
 
     K is the lesser of `lights` and the number of lit texels; then every lit texel is a light, exactly. The power of
     each colour channel is kept. A map without light gives no lights. Raises `InputError` if `lights` is below 1.
@@ -65,7 +63,6 @@ def reduced(environment: Environment, lights: int) -> tuple[Array, Array]:
     return _reduce(environment, lights)[:2]
 
 
-@lru_cache(maxsize=16)
 def reduced_to(environment: Environment, error: float) -> Reduction:
     """The map as few lights whose measured error (see `Reduction`) is at most `error`.
 
@@ -115,7 +112,7 @@ def _measured(environment: Environment, lights: int, expected: Array) -> Reducti
 
 def _texel_lights(environment: Environment) -> tuple[Array, Array]:
     """Every lit texel as a light."""
-    return to_directional.__wrapped__(environment, *environment.radiance.shape[:2])
+    return to_directional(environment, *environment.radiance.shape[:2])
 
 
 def _reduce(environment: Environment, lights: int) -> tuple[Array, Array, float]:
@@ -141,7 +138,6 @@ def _reduce(environment: Environment, lights: int) -> tuple[Array, Array, float]
     for block, (texels, power) in enumerate(_bands(environment, rows)):
         away = np.linalg.norm(texels - towards[labels[block, column_block]], axis=2)
         moved += np.einsum("ij,ijc->c", away, power)
-    towards.flags.writeable = irradiance.flags.writeable = False
     return towards, irradiance, float(np.sqrt(np.mean(np.square(moved))))
 
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
-from ..scene import Array, Observation, Prediction, Query
+from ..method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, RecordedAvatar, Recording, silent
+from ..scene import Array, Light, Observation, Prediction, Query, Viewpoint
 from .process import Limits, Worker, WorkerFailed
 
 _LIMITS = {f"{field.name}_s": field.name for field in fields(Limits)}
@@ -106,39 +106,72 @@ class RemotePrior(Prior):
         if not self._worker.alive and self._folder is not None:
             return self._method.load(self._folder).personalise(enrolment, seed, progress)
         replies = _replies(enrolment, progress)
-        number = _living(self._worker).call(
+        told = _living(self._worker).call(
             "personalise", replies, prior=self._number, frames=enrolment.frames, seed=seed
         )
-        return RemoteAvatar(self._worker, number)
+        made = RemoteRecordedAvatar if told["recorded"] else RemoteAvatar
+        return made(_Held(self._worker, told["avatar"]))
 
     def save(self, folder: Path) -> None:
         _living(self._worker).call("save", prior=self._number, folder=str(folder.absolute()))
 
 
-class RemoteAvatar(Avatar):
-    """An avatar that a worker holds; it is gone with the worker."""
+class _Held:
+    """Something that a worker holds by number until this is gone; it is gone with the worker, too."""
 
     def __init__(self, worker: Worker, number: int) -> None:
-        self._worker, self._number = worker, number
+        self.worker, self.number = worker, number
         weakref.finalize(self, worker.release, number).atexit = False
 
-    def relight(self, query: Query) -> Prediction:
-        told = _living(self._worker).call("relight", avatar=self._number, query=query)
-        maps = {name: _Map(self._worker, number, tuple(shape)) for name, (number, shape) in told["maps"].items()}
+    def call(self, call: str, name: str, **arguments: Any) -> Any:
+        """The answer to a call that is told the number under a name."""
+        return _living(self.worker).call(call, **{name: self.number}, **arguments)
+
+    def prediction(self, told: dict[str, Any]) -> Prediction:
+        """A prediction as it was sent, whose maps are fetched when they are asked for."""
+        maps = {name: _Map(_Held(self.worker, number), tuple(shape)) for name, (number, shape) in told["maps"].items()}
         return replace(told["prediction"], **maps)
+
+
+class RemoteAvatar(Avatar):
+    """An avatar that a worker holds."""
+
+    def __init__(self, held: _Held) -> None:
+        self._held = held
+
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        return RemotePosedAvatar(_Held(self._held.worker, self._held.call("pose", "avatar", viewpoint=viewpoint)))
+
+
+class RemotePosedAvatar(PosedAvatar):
+    """A posed avatar that a worker holds."""
+
+    def __init__(self, held: _Held) -> None:
+        self._held = held
+
+    def relight(self, light: Light) -> Prediction:
+        return self._held.prediction(self._held.call("relight", "posed", light=light))
+
+
+class RemoteRecordedAvatar(RecordedAvatar):
+    """An avatar of recorded pictures that a worker holds."""
+
+    def __init__(self, held: _Held) -> None:
+        self._held = held
+
+    def relight(self, query: Query) -> Prediction:
+        return self._held.prediction(self._held.call("recorded", "avatar", query=query))
 
 
 class _Map:
     """A depth or normal map that is fetched when numpy asks for it: relighting does not wait for it."""
 
-    def __init__(self, worker: Worker, number: int, shape: tuple[int, ...]) -> None:
-        self.shape = shape
-        self._worker, self._number = worker, number
-        weakref.finalize(self, worker.release, number).atexit = False
+    def __init__(self, held: _Held, shape: tuple[int, ...]) -> None:
+        self._held, self.shape = held, shape
 
     def __array__(self, dtype: np.dtype | None = None, copy: bool | None = None) -> Array:
         try:
-            found = _living(self._worker).call("map", number=self._number)
+            found = self._held.call("map", "number")
         except WorkerFailed:  # scoring must not stop for it: a map of NaN is a score that is missing
             found = np.full(self.shape, np.nan, np.float32)
         return np.array(found, dtype=dtype, copy=copy)

@@ -46,7 +46,8 @@ class Limits:
     files: float = 600.0
 
     def of(self, call: str) -> float:
-        limits = {"create": self.start, "load": self.files, "save": self.files, "map": self.relight, **asdict(self)}
+        limits = {"create": self.start, "load": self.files, "save": self.files, **asdict(self)}
+        limits |= {"pose": self.relight, "recorded": self.relight, "map": self.relight}
         return limits[call]
 
 

@@ -2,8 +2,7 @@
 
 A message is 8 bytes of length (little-endian), that many bytes of JSON, then the bytes of the arrays that it lists.
 Values of `handbench.scene` go as their fields. One that frames and queries share (a mesh, a camera, a light) goes
-once: later messages name it by its number, so the other side has one object for it too, and methods that remember
-a mesh by its identity work as they do here.
+once: later messages name it by its number.
 """
 
 from __future__ import annotations
@@ -20,9 +19,10 @@ from typing import Any
 import numpy as np
 
 from .. import scene
-from ..scene import Array, Observation, Prediction, Query
+from ..scene import Array, Observation, Prediction, Query, Viewpoint
 
-_INLINE = (Query, Observation, Prediction)  # made anew for every message; all other values of the scene are shared
+# made anew for every message; all other values of the scene are shared
+_INLINE = (Query, Viewpoint, Observation, Prediction)
 _HEADER_LIMIT = 1 << 30
 _TICK = 0.2  # seconds between two looks at the other side
 

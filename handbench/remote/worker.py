@@ -16,9 +16,9 @@ import numpy as np
 from ..bench.source import source_digest
 from ..checkpoint import checkpoints_in
 from ..device import on_device
-from ..method import Avatar, Method, Prior
+from ..method import Avatar, Method, PosedAvatar, Prior, RecordedAvatar
 from ..recording import Recording
-from ..scene import Array, Frame, Observation, Query
+from ..scene import Array, Frame, Light, Observation, Prediction, Query, Viewpoint
 from ..skips import Skips, skipping, tallied
 from .faults import describe, revive
 from .wire import Channel, Closed
@@ -41,7 +41,7 @@ def serve(channel: Channel) -> None:
 
 
 class _Desk:
-    """The method, and what the other side holds of it by number: priors, avatars, maps of predictions."""
+    """The method, and what the other side holds of it by number: priors, avatars, posed ones, maps of predictions."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
@@ -80,13 +80,24 @@ class _Desk:
     def _save(self, prior: int, folder: str) -> None:
         self._prior(prior).save(Path(folder))
 
-    def _personalise(self, prior: int, frames: list[Frame], seed: int) -> int:
-        return self._hold(self._prior(prior).personalise(self._recording(frames), seed, self._progress))
+    def _personalise(self, prior: int, frames: list[Frame], seed: int) -> dict[str, Any]:
+        avatar = self._prior(prior).personalise(self._recording(frames), seed, self._progress)
+        return {"avatar": self._hold(avatar), "recorded": isinstance(avatar, RecordedAvatar)}
 
-    def _relight(self, avatar: int, query: Query) -> dict[str, Any]:
-        """The prediction without its maps, which stay here until they are asked for: number and shape of each."""
+    def _pose(self, avatar: int, viewpoint: Viewpoint) -> int:
         held: Avatar = self._held[avatar]
-        answer = held.relight(query)
+        return self._hold(held.pose(viewpoint))
+
+    def _relight(self, posed: int, light: Light) -> dict[str, Any]:
+        held: PosedAvatar = self._held[posed]
+        return self._told(held.relight(light))
+
+    def _recorded(self, avatar: int, query: Query) -> dict[str, Any]:
+        held: RecordedAvatar = self._held[avatar]
+        return self._told(held.relight(query))
+
+    def _told(self, answer: Prediction) -> dict[str, Any]:
+        """The prediction without its maps, which stay here until they are asked for: number and shape of each."""
         given = {name: getattr(answer, name) for name in ("depth", "normal")}
         maps = {name: [self._hold(value), np.shape(value)] for name, value in given.items() if value is not None}
         return {"prediction": replace(answer, depth=None, normal=None), "maps": maps}

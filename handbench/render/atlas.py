@@ -8,7 +8,9 @@ row by row.
 from __future__ import annotations
 
 import math
-from functools import cached_property, lru_cache
+import threading
+from collections import OrderedDict
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -21,6 +23,11 @@ from ..errors import InputError
 from ..scene import Array, Topology
 from ..skips import skips
 from .rays import RayScene
+
+# An atlas depends on nothing but the topology, which all poses of all subjects of a capture share.
+_KEPT = 16
+_recent: OrderedDict[tuple[str, int, bool], Atlas] = OrderedDict()
+_lock = threading.Lock()
 
 
 class Atlas:
@@ -56,10 +63,17 @@ class Atlas:
 
     @staticmethod
     def of(topology: Topology, size: int) -> Atlas:
-        """The atlas of a topology and size; the last few are kept. See `Skips.uncovered` and `Skips.repeated`."""
-        chosen = skips()
-        make = _atlas_of if chosen.repeated else Atlas
-        return make(topology, size, not chosen.uncovered)
+        """The atlas of a topology and size; the last few are kept by the topology's content. See `Skips.uncovered`."""
+        copies = not skips().uncovered
+        key = (topology.digest, size, copies)
+        with _lock:
+            found = _recent.pop(key, None)
+        found = found or Atlas(topology, size, copies)
+        with _lock:
+            _recent[key] = found  # the last one now
+            while len(_recent) > _KEPT:
+                _recent.popitem(last=False)
+        return found
 
     @property
     def count(self) -> int:
@@ -74,6 +88,22 @@ class Atlas:
         count = len(self.topology.uvs)
         graph = coo_array((np.ones(len(edges), dtype=bool), (edges[:, 0], edges[:, 1])), shape=(count, count))
         return connected_components(graph, directed=False)[1][faces[self.face, 0]]
+
+    @cached_property
+    def neighbours(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """For each covered texel the flat index (N,) of its right, left, upper and lower neighbour in the same chart,
+        or its own."""
+        own = np.arange(self.count)
+        where = np.full((self.size + 2, self.size + 2), -1)  # padded by one texel, so borders need no special case
+        row, column = self.texels // self.size + 1, self.texels % self.size + 1
+        where[row, column] = own
+
+        def neighbour(down: int, right: int) -> Tensor:
+            other = where[row + down, column + right]
+            same = (other >= 0) & (self.chart[other] == self.chart)
+            return torch.from_numpy(np.where(same, other, own))
+
+        return neighbour(0, 1), neighbour(0, -1), neighbour(-1, 0), neighbour(1, 0)
 
     @cached_property
     def _index(self) -> Tensor:
@@ -132,8 +162,3 @@ class Atlas:
 def _select(values: Tensor, index: Tensor) -> Tensor:
     """Values (..., S) at an index (N,) of their last axis, as a matrix: index_select is 20 times slower else."""
     return values.reshape(-1, values.shape[-1]).index_select(1, index).reshape(*values.shape[:-1], len(index))
-
-
-@lru_cache(maxsize=16)
-def _atlas_of(topology: Topology, size: int, copies: bool) -> Atlas:
-    return Atlas(topology, size, copies)

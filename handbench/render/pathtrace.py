@@ -109,7 +109,7 @@ class PathTracer:
     def gbuffer(self, surface: TracedSurface, camera: Camera, spp: int) -> GBuffer:
         """Coverage and geometry averaged over the covered of sqrt(spp)² samples; uv from the one nearest the centre."""
         raster = rasterise(surface.mesh, camera, max(1, math.isqrt(spp)))
-        return GBuffer(raster.alpha, raster.normal_map(), raster.depth_map(), _central_uv(raster))
+        return GBuffer(raster.alpha, raster.normal_map, raster.depth_map, _central_uv(raster))
 
     def _load(self, surface: TracedSurface) -> None:
         if surface is not self._surface:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,22 +13,21 @@ from torch import Tensor
 from ..errors import InputError
 from ..scene import Array, Camera, Mesh
 from ..skips import note, skips
-from .rays import RayScene
-from .surface import mesh_normals
+from .posedmesh import PosedMesh
 
 
 class Raster:
     """The covered subsamples of an image, S in number.
 
     pixel (S,) flat index row * width + column; face (S,); barycentric (S, 3) float32; depth (S,) float32,
-    metres along the camera's z. `uv` and `normal` are worked out when asked for, as rasters are kept by the hundred.
+    metres along the camera's z. `uv` and `normal` are worked out when asked for, as trainings keep many rasters.
     Images drawn from it are premultiplied by coverage over black.
     """
 
-    def __init__(self, mesh: Mesh, camera: Camera, supersample: int) -> None:
+    def __init__(self, mesh: PosedMesh, camera: Camera, supersample: int) -> None:
         self.mesh, self.camera, self.supersample = mesh, camera, supersample
         pixel, rays = _subsamples(mesh, camera, supersample)
-        hits = RayScene.of(mesh).cast(camera.centre[None], rays)
+        hits = mesh.rays.cast(camera.centre[None], rays)
         self.pixel: Array = pixel[hits.hit]
         self.face: Array = hits.face[hits.hit]
         self.barycentric: Array = hits.barycentric[hits.hit]
@@ -43,14 +43,14 @@ class Raster:
     @property
     def normal(self) -> Array:
         """Smooth unit normals (S, 3) float64 in the world."""
-        normal = self._at_samples(mesh_normals(self.mesh)[self.mesh.topology.faces[self.face]])
+        normal = self._at_samples(self.mesh.normals[self.mesh.topology.faces[self.face]])
         return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
 
     def _at_samples(self, corners: Array) -> Array:
         a, b, c = self.barycentric.T[..., None]
         return a * corners[:, 0] + b * corners[:, 1] + c * corners[:, 2]  # einsum is three times slower here
 
-    @property
+    @cached_property
     def alpha(self) -> Array:
         """Coverage of the pixels, (H, W) float32 in [0, 1]."""
         count = np.bincount(self.pixel, minlength=self.camera.height * self.camera.width)
@@ -63,10 +63,12 @@ class Raster:
         image = np.stack(sums, axis=-1) / self.supersample**2
         return image.astype(np.float32).reshape(self.camera.height, self.camera.width, -1)
 
+    @cached_property
     def depth_map(self) -> Array:
         """Mean depth (H, W) float32 of each pixel's covered subsamples, metres along z; zero where there are none."""
         return self.mean(self.depth[:, None])[..., 0] / np.maximum(self.alpha, 1e-12)
 
+    @cached_property
     def normal_map(self) -> Array:
         """Mean direction (H, W, 3) float32 of each pixel's smooth normals, unit, in the world; zero where none."""
         normal = self.mean(self.normal)
@@ -93,8 +95,8 @@ class Raster:
         return touched
 
     def _lookup(self, size: int) -> _Lookup:
-        """The lookup at a texture size; kept, see `Skips.repeated`."""
-        known = skips().repeated and size in self._lookups
+        """The lookup at a texture size; kept."""
+        known = size in self._lookups
         note("texture lookups", 1, known)
         if not known:
             self._lookups[size] = self._new_lookup(size)
@@ -145,7 +147,7 @@ class _Gather(torch.autograd.Function):
         return torch.from_numpy(np.ascontiguousarray((ctx.lookup.backward @ seen).T)).to(gradient.dtype), None
 
 
-def rasterise(mesh: Mesh, camera: Camera, supersample: int = 3) -> Raster:
+def rasterise(mesh: Mesh | PosedMesh, camera: Camera, supersample: int = 3) -> Raster:
     """The mesh through the camera, supersample^2 rays a pixel on a regular grid.
 
     Only pixels in the mesh's projected box get rays (`Skips.outside_box`).
@@ -153,10 +155,10 @@ def rasterise(mesh: Mesh, camera: Camera, supersample: int = 3) -> Raster:
     """
     if supersample < 1:
         raise InputError(f"supersample {supersample} must be at least 1")
-    return Raster(mesh, camera, supersample)
+    return Raster(PosedMesh.of(mesh), camera, supersample)
 
 
-def _subsamples(mesh: Mesh, camera: Camera, supersample: int) -> tuple[Array, Array]:
+def _subsamples(mesh: PosedMesh, camera: Camera, supersample: int) -> tuple[Array, Array]:
     """Pixel (M,) and ray (M, 3) in the world, of length 1 along z, of the subsamples in the mesh's box."""
     box = camera.box(mesh.vertices) if skips().outside_box else camera.whole
     whole = camera.whole.pixels

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
-from ..scene import Array, Mesh
+from ..scene import Array
 
 
 @dataclass(frozen=True)
@@ -51,11 +50,6 @@ class RayScene:
         # float32 positions carry errors of extent * 6e-8; 1e-5 clears them and is 2 micrometres on a hand
         self.epsilon = 1e-5 * extent
 
-    @staticmethod
-    def of(mesh: Mesh) -> RayScene:
-        """The scene of a mesh; the last few are kept."""
-        return _scene_of(mesh)
-
     def cast(self, origins: Array, directions: Array) -> Hits:
         """First hits of rays with origins and directions that broadcast to (N, 3); directions of any length."""
         answer = self._scene.cast_rays(self._tensor.from_numpy(self._rays(origins, directions)))
@@ -84,8 +78,3 @@ class RayScene:
             rays[:, :3] = origins - self.centre
             rays[:, 3:] = directions
         return rays
-
-
-@lru_cache(maxsize=4)
-def _scene_of(mesh: Mesh) -> RayScene:
-    return RayScene(mesh.vertices, mesh.topology.faces)

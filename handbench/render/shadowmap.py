@@ -6,16 +6,14 @@ lies behind what the light sees first. It is no penumbra of a real light; it is 
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from ..errors import InputError
 from ..scene import Array, Mesh
 from ..skips import note, skips
 from .atlas import Atlas
+from .posedmesh import PosedMesh
 from .rays import RayScene
-from .surface import mesh_normals
 
 SIZE = 1024
 """Texels along a depth map's longer side."""
@@ -38,65 +36,74 @@ _FAR = 1e3  # radii beyond which its rays count as parallel: float32 depths from
 
 
 def soft_visibility(
-    mesh: Mesh,
+    mesh: Mesh | PosedMesh,
     atlas: Atlas,
     directions: Array,
     positions: Array | None = None,
     texels: Array | None = None,
     size: int = SIZE,
 ) -> Array:
-    """How much of distant lights (L, 3) and near ones at positions (P, 3) covered texels see: float32 (L + P, N).
+    """How much of distant lights and near ones covered texels see, float32 (L + P, N): see `SoftShadows.visible`."""
+    return SoftShadows(PosedMesh.of(mesh), atlas, size).visible(directions, positions, texels)
 
-    V = exp(-(s d + (1 - s) 1 m) / 8 mm) with s = sigmoid(10 n.ω) for the smooth normal n, and d the mean of
-    max(0, texel's depth - map's depth) over the 3 x 3 map texels around it, weighted by a Gaussian; those that show
-    no surface are left out. Lengths are absolute: the mesh must be in metres. `texels` (N,) picks from the atlas's
-    covered ones.
 
-    Depth maps have at most `size` x `size` texels, fitted to the mesh as the light sees it. Distant lights use an
-    orthographic one, since their rays are parallel: the released code knows only lights at a position. Near lights
-    use a perspective one that looks at the middle of the mesh, beyond a thousand radii an orthographic one. A light
-    too near for that, inside or beside the mesh, compares each texel with the first surface on the line to it, without
-    neighbours.
+class SoftShadows:
+    """The soft shadows that a posed mesh casts on itself, for one light after the other.
 
-    With `Skips.below_horizon` pairs with n.ω <= 0.2 are zero without a look; they would be below 4e-7. Says how
-    many pairs it skipped as "shadow rays". Raises `InputError` for a size below 8.
+    Depth maps have at most `size` x `size` texels, fitted to the mesh as the light sees it. Raises `InputError` for a
+    size below 8.
     """
-    if size < 8:
-        raise InputError(f"shadow maps of {size} texels a side are too small; give at least 8")
-    scene = RayScene.of(mesh)
-    points, normals = _surface(mesh, atlas)
-    near = np.zeros((0, 3)) if positions is None else np.asarray(positions, dtype=np.float64) - scene.centre
-    lights = np.concatenate([directions, near]).astype(np.float32)
-    chosen = np.arange(atlas.count) if texels is None else texels
-    visible = np.zeros((len(lights), len(chosen)), dtype=np.float32)
-    looked = 0
-    for row, light in enumerate(lights):
-        distant = row < len(directions)
-        cosine = normals[chosen] @ light if distant else _near_cosine(points[chosen], normals[chosen], light)
-        bright = np.flatnonzero(cosine > (_DARK if skips().below_horizon else -np.inf))
-        some = chosen[bright]
-        looked += len(some)
-        if distant:
-            behind = _behind(_Orthographic(scene, light), points, some, size)
-        elif (away := np.linalg.norm(light)) > _FAR * scene.radius:
-            behind = _behind(_Orthographic(scene, light / away), points, some, size)
-        elif away > _BESIDE * scene.radius:
-            behind = _behind(_Perspective(scene, light), points, some, size)
-        else:
-            behind = _straight(scene, light, points[some])
-        averted = 1.0 / (1.0 + np.exp(FACING * cosine[bright]))  # 1 - s without cancellation
-        visible[row, bright] = np.exp(-((1.0 - averted) * behind + averted * BEHIND) / SOFTNESS)
-    note("shadow rays", visible.size, visible.size - looked)
-    return visible
 
+    def __init__(self, mesh: PosedMesh, atlas: Atlas, size: int = SIZE) -> None:
+        if size < 8:
+            raise InputError(f"shadow maps of {size} texels a side are too small; give at least 8")
+        self._scene, self._size = mesh.rays, size
+        # positions from the scene's centre and smooth unit normals, both (N, 3)
+        self._points = atlas.interpolate(mesh.vertices - self._scene.centre).astype(np.float32)
+        normals = atlas.interpolate(mesh.normals)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        self._normals = normals.astype(np.float32)
 
-@lru_cache(maxsize=4)
-def _surface(mesh: Mesh, atlas: Atlas) -> tuple[Array, Array]:
-    """Positions from the scene's centre and smooth unit normals, both (N, 3) float32."""
-    points = atlas.interpolate(mesh.vertices - RayScene.of(mesh).centre)
-    normals = atlas.interpolate(mesh_normals(mesh))
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return points.astype(np.float32), normals.astype(np.float32)
+    def visible(self, directions: Array, positions: Array | None = None, texels: Array | None = None) -> Array:
+        """How much of distant lights (L, 3) and near ones at positions (P, 3) covered texels see: float32 (L + P, N).
+
+        V = exp(-(s d + (1 - s) 1 m) / 8 mm) with s = sigmoid(10 n.ω) for the smooth normal n, and d the mean of
+        max(0, texel's depth - map's depth) over the 3 x 3 map texels around it, weighted by a Gaussian; those that
+        show no surface are left out. Lengths are absolute: the mesh must be in metres. `texels` (N,) picks from the
+        atlas's covered ones.
+
+        Distant lights use an orthographic map, since their rays are parallel: the released code knows only lights at
+        a position. Near lights use a perspective one that looks at the middle of the mesh, beyond a thousand radii an
+        orthographic one. A light too near for that, inside or beside the mesh, compares each texel with the first
+        surface on the line to it, without neighbours.
+
+        With `Skips.below_horizon` pairs with n.ω <= 0.2 are zero without a look; they would be below 4e-7. Says how
+        many pairs it skipped as "shadow rays".
+        """
+        scene, points, normals, size = self._scene, self._points, self._normals, self._size
+        near = np.zeros((0, 3)) if positions is None else np.asarray(positions, dtype=np.float64) - scene.centre
+        lights = np.concatenate([directions, near]).astype(np.float32)
+        chosen = np.arange(len(points)) if texels is None else texels
+        visible = np.zeros((len(lights), len(chosen)), dtype=np.float32)
+        looked = 0
+        for row, light in enumerate(lights):
+            distant = row < len(directions)
+            cosine = normals[chosen] @ light if distant else _near_cosine(points[chosen], normals[chosen], light)
+            bright = np.flatnonzero(cosine > (_DARK if skips().below_horizon else -np.inf))
+            some = chosen[bright]
+            looked += len(some)
+            if distant:
+                behind = _behind(_Orthographic(scene, light), points, some, size)
+            elif (away := np.linalg.norm(light)) > _FAR * scene.radius:
+                behind = _behind(_Orthographic(scene, light / away), points, some, size)
+            elif away > _BESIDE * scene.radius:
+                behind = _behind(_Perspective(scene, light), points, some, size)
+            else:
+                behind = _straight(scene, light, points[some])
+            averted = 1.0 / (1.0 + np.exp(FACING * cosine[bright]))  # 1 - s without cancellation
+            visible[row, bright] = np.exp(-((1.0 - averted) * behind + averted * BEHIND) / SOFTNESS)
+        note("shadow rays", visible.size, visible.size - looked)
+        return visible
 
 
 def _near_cosine(points: Array, normals: Array, light: Array) -> Array:

@@ -1,7 +1,7 @@
 """Shadows kept on disk: packed rows by content hash, in a folder of bounded size.
 
     with kept_on_disk(default_folder(), 1 << 30):
-        PosedSurface.of(mesh, 128).visibility(lights)       # traced once, by whichever process comes first
+        PosedSurface(mesh, 128).visibility(lights)       # traced once, by whichever process comes first
 
 It is only a cache: a folder that cannot be written, a full disk or a damaged file cost time and nothing else.
 """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import torch
@@ -25,7 +24,7 @@ class SurfaceMaps:
 def face_normals(vertices: Array, faces: Array) -> Array:
     """Unit normals (F, 3) of the faces, zero for degenerate ones."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return _unit(np.cross(b - a, c - a))
+    return unit_rows(np.cross(b - a, c - a))
 
 
 def vertex_normals(vertices: Array, faces: Array) -> Array:
@@ -37,23 +36,22 @@ def vertex_normals(vertices: Array, faces: Array) -> Array:
     total = np.zeros((len(vertices), 3))
     for k in range(3):
         corner, after, before = (vertices[faces[:, (k + step) % 3]] for step in range(3))
-        cosine = (_unit(after - corner) * _unit(before - corner)).sum(axis=1)
+        cosine = (unit_rows(after - corner) * unit_rows(before - corner)).sum(axis=1)
         weighted = normals * np.arccos(np.clip(cosine, -1.0, 1.0))[:, None]
         for axis in range(3):
             total[:, axis] += np.bincount(faces[:, k], weighted[:, axis], minlength=len(vertices))
-    return _unit(total)
+    return unit_rows(total)
 
 
-@lru_cache(maxsize=8)
 def mesh_normals(mesh: Mesh) -> Array:
-    """`vertex_normals` of a mesh; the last few are kept."""
+    """`vertex_normals` of a mesh."""
     return vertex_normals(mesh.vertices, mesh.topology.faces)
 
 
 def surface_maps(mesh: Mesh, atlas: Atlas) -> SurfaceMaps:
     """Position and smooth normal of the mesh at every texel of the atlas."""
     position = torch.from_numpy(atlas.interpolate(mesh.vertices).T).float()
-    normal = torch.from_numpy(_unit(atlas.interpolate(mesh_normals(mesh))).T).float()
+    normal = torch.from_numpy(unit_rows(atlas.interpolate(mesh_normals(mesh))).T).float()
     return SurfaceMaps(atlas.scatter(position), atlas.scatter(normal), torch.from_numpy(atlas.covered))
 
 
@@ -96,28 +94,12 @@ class Relief:
 
 def _differences(values: Tensor, atlas: Atlas) -> tuple[Tensor, Tensor]:
     """Differences (..., C, N) of flat maps along u (right) and v (up) between neighbours in the same chart."""
-    right, left, up, down = _neighbours(atlas)
+    right, left, up, down = atlas.neighbours
 
     def between(after: Tensor, before: Tensor) -> Tensor:
         return values.index_select(-1, after) - values.index_select(-1, before)
 
     return between(right, left), between(up, down)
-
-
-@lru_cache(maxsize=16)
-def _neighbours(atlas: Atlas) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """For each covered texel the flat index of its right, left, upper and lower neighbour, or its own."""
-    own = np.arange(atlas.count)
-    where = np.full((atlas.size + 2, atlas.size + 2), -1)  # padded by one texel, so borders need no special case
-    row, column = atlas.texels // atlas.size + 1, atlas.texels % atlas.size + 1
-    where[row, column] = own
-
-    def neighbour(down: int, right: int) -> Tensor:
-        other = where[row + down, column + right]
-        same = (other >= 0) & (atlas.chart[other] == atlas.chart)
-        return torch.from_numpy(np.where(same, other, own))
-
-    return neighbour(0, 1), neighbour(0, -1), neighbour(-1, 0), neighbour(1, 0)
 
 
 def _dot(a: Tensor, b: Tensor) -> Tensor:
@@ -133,6 +115,7 @@ def unit(vectors: Tensor) -> Tensor:
     return vectors * (vectors * vectors).sum(dim=-2, keepdim=True).clamp_min(1e-30).rsqrt()
 
 
-def _unit(vectors: Array) -> Array:
+def unit_rows(vectors: Array) -> Array:
+    """Vectors (..., 3) made unit along the last axis; zero stays zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

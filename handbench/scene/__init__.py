@@ -7,6 +7,7 @@ Light directions are unit vectors from the surface to the light.
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -62,6 +63,7 @@ __all__ = [
     "Single",
     "Topology",
     "Unknown",
+    "Viewpoint",
     "check_frame_kind",
     "kind_of",
     "known_leaves",
@@ -104,6 +106,17 @@ class Topology:
         if len(self.uv_faces) and (self.uv_faces.min() < 0 or self.uv_faces.max() >= len(self.uvs)):
             raise InputError(f"topology: uv_faces points outside the {len(self.uvs)} UVs; the mesh file is damaged")
 
+        content = hashlib.blake2b(digest_size=16)
+        for array in (self.faces, self.uvs, self.uv_faces):
+            content.update(repr(array.shape).encode())
+            content.update(np.ascontiguousarray(array).data)
+        _set(self, "_digest", content.hexdigest())
+
+    @property
+    def digest(self) -> str:
+        """Hex digest of the content: topologies of equal digest are the same."""
+        return vars(self)["_digest"]
+
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
@@ -120,11 +133,32 @@ class Mesh:
 
 
 @dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """A subject in a pose, seen by a camera: all that a picture needs but the light.
+
+    `key` names it ("subject/pose/camera"); viewpoints of equal `pose_key` show the same pose and mesh.
+    """
+
+    subject: str
+    pose_name: str
+    pose: Pose
+    mesh: Mesh
+    camera: Camera
+
+    @property
+    def pose_key(self) -> str:
+        return f"{self.subject}/{self.pose_name}"
+
+    @property
+    def key(self) -> str:
+        return f"{self.pose_key}/{self.camera.name}"
+
+
+@dataclass(frozen=True, eq=False)
 class Query:
     """What a method is asked to draw: an enrolled subject, posed, seen by a camera, under a light.
 
-    `key` names the frame ("subject/pose/camera/lighting"); equal `pose_key`s share mesh and pose, so
-    a method may keep what it computed for one.
+    `key` names the frame ("subject/pose/camera/lighting"); queries of equal `pose_key` show the same pose and mesh.
     """
 
     subject: str
@@ -144,7 +178,12 @@ class Query:
 
     @property
     def key(self) -> str:
-        return f"{self.pose_key}/{self.camera.name}/{self.lighting}"
+        return f"{self.viewpoint.key}/{self.lighting}"
+
+    @property
+    def viewpoint(self) -> Viewpoint:
+        """The query without its light."""
+        return Viewpoint(self.subject, self.pose_name, self.pose, self.mesh, self.camera)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from .tracker import GeometryPrior, Tracker, Tracking, create, tracked
+from .tracker import GeometryPrior, Tracker, Tracking, create
 
-__all__ = ["GeometryPrior", "Tracker", "Tracking", "create", "tracked"]
+__all__ = ["GeometryPrior", "Tracker", "Tracking", "create"]

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from handbench.errors import Unsupported
-from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
-from handbench.scene import Prediction, Query
+from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.scene import Light, Mesh, Prediction, Viewpoint
 
 from .. import physical, urhand
 from .skeleton import level_of
@@ -39,15 +39,24 @@ class TrackedAvatar(Avatar):
     def __init__(self, inner: Avatar, tracking: Tracking, level: int) -> None:
         self._inner, self._tracking, self._level = inner, tracking, level
 
-    def relight(self, query: Query) -> Prediction:
-        if level_of(query.mesh) != self._level:
-            raise Unsupported(f"{query.pose_key} has a mesh of another resolution than the training frames")
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        if level_of(viewpoint.mesh) != self._level:
+            raise Unsupported(f"{viewpoint.pose_key} has a mesh of another resolution than the training frames")
         # a pose that does not belong to the mesh would be drawn somewhere else without a word
-        if np.linalg.norm(query.mesh.vertices.mean(axis=0) - query.pose.translation) > _APART:
-            raise Unsupported(f"the mesh of {query.pose_key} does not lie where its pose says")
-        found = self._tracking.of(query)
-        drawn = self._inner.relight(replace(query, mesh=found.mesh, pose=found.pose))
-        return replace(drawn, mesh=found.mesh)
+        if np.linalg.norm(viewpoint.mesh.vertices.mean(axis=0) - viewpoint.pose.translation) > _APART:
+            raise Unsupported(f"the mesh of {viewpoint.pose_key} does not lie where its pose says")
+        found = self._tracking.of(viewpoint)
+        return PosedTracked(self._inner.pose(replace(viewpoint, mesh=found.mesh, pose=found.pose)), found.mesh)
+
+
+class PosedTracked(PosedAvatar):
+    """A posed avatar whose pictures come with the tracked mesh."""
+
+    def __init__(self, inner: PosedAvatar, mesh: Mesh) -> None:
+        self._inner, self._mesh = inner, mesh
+
+    def relight(self, light: Light) -> Prediction:
+        return replace(self._inner.relight(light), mesh=self._mesh)
 
 
 class TrackedPrior(Prior):

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from handbench.errors import Unsupported
 from handbench.hand import OpenHand
 from handbench.method import Recording
-from handbench.scene import Array, Query
+from handbench.scene import Array, Pose
 
 from .scan import Scan, scan
 from .skeleton import level_of, posed_points, regressor, rigid
@@ -32,9 +32,9 @@ class Neutral:
     points: Array
     rest: Array
 
-    def observed(self, query: Query) -> Array:
-        """Key points (P, 3) of a frame in the world: the subject's skeleton in the pose that the capture tracked."""
-        return posed_points(self.rest, query.pose)
+    def observed(self, pose: Pose) -> Array:
+        """Key points (P, 3) in the world: the subject's skeleton in the pose that the capture tracked."""
+        return posed_points(self.rest, pose)
 
 
 def full_frames(recording: Recording) -> Recording:

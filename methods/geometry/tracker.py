@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
-from weakref import WeakKeyDictionary
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -13,7 +12,7 @@ from torch import Tensor
 from handbench.device import device
 from handbench.errors import NonFinite, Unsupported
 from handbench.method import Progress, Recording, silent
-from handbench.scene import Array, Frame, Mesh, Pose, Query, Topology
+from handbench.scene import Array, Frame, Mesh, Pose, Topology, Viewpoint
 
 from ..nets.weights import load_state, save_state
 from .config import Config, configuration
@@ -24,7 +23,6 @@ from .skeleton import level_of
 from .training import train
 
 NAME = "geometry"
-Asked = TypeVar("Asked", bound=Query)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +68,7 @@ class GeometryPrior:
         Raises `Unsupported` if there are none, `NonFinite` if the surface is not finite.
         """
         lit, model = full_frames(views), self.model
-        observed = person.neutral.observed(lit.frames[0])
+        observed = person.neutral.observed(lit.frames[0].pose)
         told = model.told(person.shape, observed)
         added = [
             model.beyond(
@@ -81,13 +79,13 @@ class GeometryPrior:
         return self._tracked(person, told, torch.stack(added).mean(dim=0), lit.frames[0].mesh.topology)
 
     @torch.no_grad()
-    def follow(self, person: Person, query: Query) -> Tracked:
+    def follow(self, person: Person, pose: Pose, topology: Topology) -> Tracked:
         """The geometry of a pose that no picture shows, from its joints alone: E_theta is not asked.
 
-        Of the query only its pose is looked at, and its mesh's topology. Raises `NonFinite` as `track` does.
+        Raises `NonFinite` as `track` does.
         """
-        told = self.model.told(person.shape, person.neutral.observed(query))
-        return self._tracked(person, told, self.model.still, query.mesh.topology)
+        told = self.model.told(person.shape, person.neutral.observed(pose))
+        return self._tracked(person, told, self.model.still, topology)
 
     def _tracked(self, person: Person, told: Pose, beyond: Tensor, topology: Topology) -> Tracked:
         posed = self.model.posed(person.shape, told, beyond)
@@ -141,44 +139,41 @@ class Tracking:
     """Frames and queries with the autoencoder's mesh and pose in place of the capture's.
 
     `lit` holds the fully lit frames that are looked at: those of every pose asked for, and of every subject one in the
-    neutral pose. A pose is tracked once, and frames that share a mesh share the tracked one. The prior is frozen
-    (supp. Sec. 4.1). With `blind`, poses that no fully lit frame shows are followed by their joints alone.
+    neutral pose. In a recording a pose is tracked once, and all of its frames share the tracked mesh. The prior is
+    frozen (supp. Sec. 4.1). With `blind`, poses that no fully lit frame shows are followed by their joints alone.
     """
 
     def __init__(self, prior: GeometryPrior, lit: Recording, blind: bool = False) -> None:
         self._prior, self._lit, self._blind = prior, full_frames(lit), blind
         self._persons: dict[str, Person] = {}
-        self._poses: WeakKeyDictionary[Mesh, Tracked] = WeakKeyDictionary()
 
-    def of(self, query: Query) -> Tracked:
-        """The geometry of a query's pose. Raises `Unsupported` if no fully lit frame shows it and without `blind`."""
-        if query.mesh not in self._poses:
-            views = self._lit.where(lambda frame: frame.pose_key == query.pose_key)
-            if not views.frames and not self._blind:
-                raise Unsupported(
-                    f"{query.pose_key} cannot be tracked: no fully lit frame of it was given; "
-                    "record one, or use the capture's own meshes"
-                )
-            person = self._person(query.subject)
-            found = self._prior.track(person, views) if views.frames else self._prior.follow(person, query)
-            self._poses[query.mesh] = found
-        return self._poses[query.mesh]
+    def of(self, asked: Viewpoint | Frame) -> Tracked:
+        """The geometry of the pose of a viewpoint or frame.
+
+        Raises `Unsupported` if no fully lit frame shows it and without `blind`.
+        """
+        views = self._lit.where(lambda frame: frame.pose_key == asked.pose_key)
+        if not views.frames and not self._blind:
+            raise Unsupported(
+                f"{asked.pose_key} cannot be tracked: no fully lit frame of it was given; "
+                "record one, or use the capture's own meshes"
+            )
+        person = self._person(asked.subject)
+        if views.frames:
+            return self._prior.track(person, views)
+        return self._prior.follow(person, asked.pose, asked.mesh.topology)
 
     def _person(self, subject: str) -> Person:
         if subject not in self._persons:
             self._persons[subject] = self._prior.identify(self._lit.of_subject(subject))
         return self._persons[subject]
 
-    def __call__(self, query: Asked) -> Asked:
-        found = self.of(query)
-        return replace(query, mesh=found.mesh, pose=found.pose)
-
     def recording(self, recording: Recording) -> Recording:
         """The same frames with tracked geometry, and the same images."""
         originals: dict[str, Frame] = {frame.key: frame for frame in recording.frames}
-        return Recording(map(self, recording.frames), lambda frame: recording.observe(originals[frame.key]))
-
-
-def tracked(recording: Recording, prior: GeometryPrior, lit: Recording | None = None) -> Recording:
-    """A recording with the autoencoder's geometry; `lit` as in `Tracking`, by default the recording itself."""
-    return Tracking(prior, recording if lit is None else lit).recording(recording)
+        poses: dict[str, Tracked] = {}
+        frames = []
+        for frame in recording.frames:
+            found = poses.get(frame.pose_key) or poses.setdefault(frame.pose_key, self.of(frame))
+            frames.append(replace(frame, mesh=found.mesh, pose=found.pose))
+        return Recording(frames, lambda frame: recording.observe(originals[frame.key]))

@@ -62,7 +62,7 @@ class Lesson:
             views = [(frame, lit.observe(frame)) for frame in lit.frames if frame.pose_key == pose]
             points = scan(views).points
             for frame, seen in views:
-                observed = self.neutrals[frame.subject].observed(frame)
+                observed = self.neutrals[frame.subject].observed(frame.pose)
                 drawn = picture(seen.image, frame.camera, observed, model.config.image)
                 self.samples.append(_Sample(frame.subject, frame.camera, drawn, observed, points))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,9 +13,10 @@ from torch import Tensor
 
 from handbench.errors import Unsupported
 from handbench.light.lightset import LightSet, light_samples
-from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
-from handbench.render.posed import PosedSurface, raster
-from handbench.scene import Array, Prediction, Query
+from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.render.posed import PosedSurface
+from handbench.render.raster import rasterise
+from handbench.scene import Array, Light, Prediction, Viewpoint
 from handbench.skips import note, skips
 
 from ..nets.weights import load_state, save_state
@@ -37,45 +38,55 @@ INFO = MethodInfo(
     fidelity="reimplementation on a mesh, trained here on open data",
 )
 
-_Key: TypeAlias = tuple[PosedSurface, bytes, bytes]
-
 
 class RelightableHandsAvatar(Avatar):
-    """A subject's trained network. What the hand answers to single lights is kept for the last poses and cameras."""
+    """A subject's trained network."""
 
     def __init__(self, model: RelightableHandsModel) -> None:
         self._model = model
-        self._kept: OrderedDict[_Key, Tensor] = OrderedDict()
+
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        return PosedRelightableHands(self._model, viewpoint)
+
+
+class PosedRelightableHands(PosedAvatar):
+    """The surface, what the camera sees of it, and what the hand answered to single lights so far."""
 
     @torch.no_grad()
-    def relight(self, query: Query) -> Prediction:
-        config = self._model.config
-        lights = light_samples(query.light, environment_lights=config.environment_lights)
+    def __init__(self, model: RelightableHandsModel, viewpoint: Viewpoint) -> None:
+        self._model = model
+        self._surface = PosedSurface(viewpoint.mesh, model.config.texture)
+        self._raster = rasterise(self._surface.mesh, viewpoint.camera)
+        self._seen = Seen.of(self._surface, viewpoint.camera.centre, viewpoint.pose.joints)
+        self._kept: OrderedDict[bytes, Tensor] = OrderedDict()  # by direction
+
+    @torch.no_grad()
+    def relight(self, light: Light) -> Prediction:
+        lights = light_samples(light, environment_lights=self._model.config.environment_lights)
         if len(lights.positions):
             raise Unsupported(f"{INFO.title} is trained on distant lights and cannot draw point lights")
         if len(lights) > MOST_LIGHTS:
             raise Unsupported(
                 f"{INFO.title} runs its network once a light: {len(lights)} lights are more than {MOST_LIGHTS}"
             )
-        posed = PosedSurface.of(query.mesh, config.texture)
-        colour = torch.zeros(3, posed.atlas.count)
+        atlas = self._surface.atlas
+        colour = torch.zeros(3, atlas.count)
         for first in range(0, len(lights), _TOGETHER):
             some = _some(lights, slice(first, first + _TOGETHER))
-            colour += lit(self._responses(query, posed, some), some.irradiance)
-        return prediction(raster(query.mesh, query.camera), posed.atlas.dilate(posed.atlas.scatter(colour)))
+            colour += lit(self._responses(some), some.irradiance)
+        return prediction(self._raster, atlas.dilate(atlas.scatter(colour)))
 
-    def _responses(self, query: Query, posed: PosedSurface, lights: LightSet) -> Tensor:
+    def _responses(self, lights: LightSet) -> Tensor:
         """What the hand answers to each of a few distant lights at unit irradiance, (L, 3, N)."""
-        if not skips().repeated:
-            return self._drawn(query, posed, lights)
-        centre = query.camera.centre.tobytes()
-        keys = [(posed, centre, direction.tobytes()) for direction in lights.directions]
+        if not skips().known:
+            return self._drawn(lights)
+        keys = [direction.tobytes() for direction in lights.directions]
         found = {key: self._kept[key] for key in keys if key in self._kept}
         missing = {key: row for row, key in enumerate(keys) if key not in found}
         note("lights known already", len(keys), len(keys) - len(missing))
         if missing:
             rows = np.array([*missing.values()])
-            drawn = self._drawn(query, posed, _some(lights, rows))
+            drawn = self._drawn(_some(lights, rows))
             # copies: a view would keep the answers to all of these lights alive
             found |= {key: response.clone() for key, response in zip(missing, drawn, strict=True)}
         for key, response in found.items():
@@ -85,10 +96,9 @@ class RelightableHandsAvatar(Avatar):
             self._kept.popitem(last=False)
         return torch.stack([found[key] for key in keys])
 
-    def _drawn(self, query: Query, posed: PosedSurface, lights: LightSet) -> Tensor:
+    def _drawn(self, lights: LightSet) -> Tensor:
         """The same from the network."""
-        seen = Seen.of(posed, query.camera.centre, query.pose.joints)
-        return self._model.responses(seen, lights.directions, posed.visibility(lights))[0]
+        return self._model.responses(self._seen, lights.directions, self._surface.visibility(lights))[0]
 
 
 def _some(lights: LightSet, rows: Array | slice) -> LightSet:

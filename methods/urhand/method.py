@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,11 @@ from torch import Tensor
 
 from handbench.device import device
 from handbench.errors import InputError
-from handbench.light.lightset import LightSet, light_samples
-from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
-from handbench.render.posed import PosedSurface, raster
-from handbench.render.shading import relight, transfer
-from handbench.scene import KNOWN_LIGHTS, Camera, Prediction, Query
-from handbench.skips import skips
+from handbench.light.lightset import light_samples
+from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.render.posed import PosedSurface
+from handbench.render.raster import rasterise
+from handbench.scene import KNOWN_LIGHTS, Light, Prediction, Viewpoint
 
 from ..ablations import ABLATIONS
 from ..nets.weights import load_state, save_state
@@ -26,13 +24,8 @@ from ..reflectance import normalised_texture
 from ..views import visibility
 from . import lighting
 from .config import Config, configuration
-from .model import Material, URHandModel
+from .model import URHandModel
 from .training import train
-
-_KEPT_POSES = 8
-# A transfer takes 8 bytes a texel and light: 48 MB at 128 texels and 512 lights. It saves nothing for few lights and
-# is not kept for more pairs than these.
-_KEPT_TRANSFERS, _MANY_LIGHTS, _MOST_PAIRS = 4, 128, 1 << 23
 
 INFO = MethodInfo(
     name="urhand",
@@ -46,50 +39,38 @@ INFO = MethodInfo(
 
 
 class URHandAvatar(Avatar):
-    """A subject: the shared networks and its own mean texture. What the last few poses share is kept."""
+    """A subject: the shared networks and its own mean texture."""
 
     def __init__(self, model: URHandModel, texture: Tensor) -> None:
         self._model, self._texture = model, texture
-        self._materials: OrderedDict[PosedSurface, Material] = OrderedDict()
-        self._transfers: OrderedDict[tuple[PosedSurface, Camera, bytes], Tensor] = OrderedDict()
 
-    @torch.no_grad()  # not inference_mode: caches are shared with training
-    def relight(self, query: Query) -> Prediction:
-        model, config = self._model, self._model.config
-        posed = PosedSurface.of(query.mesh, config.texture)
-        material = self._material(query, posed)
-        lights = light_samples(query.light, config.environment)
-        visible = visibility(posed, lights, config.shadows)
-        features = self._features(query, posed, material, lights, visible)
-        colour, _ = model.colour(features, lights, material, self._texture, posed.atlas)
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        return PosedURHand(self._model, self._texture, viewpoint)
+
+
+class PosedURHand(PosedAvatar):
+    """The surface as the physical branch refines it, what the camera sees of it, and its shadows so far."""
+
+    @torch.no_grad()  # not inference_mode: the atlas is shared with training
+    def __init__(self, model: URHandModel, texture: Tensor, viewpoint: Viewpoint) -> None:
+        self._model, self._texture = model, texture
+        self._surface = PosedSurface(viewpoint.mesh, model.config.texture)
+        self._raster = rasterise(self._surface.mesh, viewpoint.camera)
+        self._centre = viewpoint.camera.centre
+        joints = torch.from_numpy(viewpoint.pose.joints.copy()).float()
+        self._material = model.material(texture, joints, self._surface)
+
+    @torch.no_grad()
+    def relight(self, light: Light) -> Prediction:
+        model, config, surface, material = self._model, self._model.config, self._surface, self._material
+        lights = light_samples(light, config.environment)
+        visible = visibility(surface, lights, config.shadows)
+        maps = (material.normal, material.roughness, surface, self._centre)
+        features = lighting.features(config, *maps, lights, visible)
+        colour, _ = model.colour(features, lights, material, self._texture, surface.atlas)
         if config.exposure and visible is not None:
             colour = colour * (lighting.power(lights, visible) / lighting.power(lights).clamp_min(1e-12))
-        return prediction(raster(query.mesh, query.camera), posed.atlas.dilate(posed.atlas.scatter(colour)))
-
-    def _features(
-        self, query: Query, posed: PosedSurface, material: Material, lights: LightSet, visible: Tensor | None
-    ) -> Tensor:
-        """Shading features (6, N). Many distant lights, as an environment has, go through a kept transfer."""
-        config, centre = self._model.config, query.camera.centre
-        keeps = config.shading == "brdf" and config.specular and skips().repeated and not len(lights.positions)
-        few = len(lights.directions) < _MANY_LIGHTS
-        if not keeps or few or visible is None or visible.numel() > _MOST_PAIRS:
-            return lighting.features(config, material.normal, material.roughness, posed, centre, lights, visible)
-        key = (posed, query.camera, lights.directions.tobytes())
-        if key not in self._transfers:
-            surface = (material.normal, posed.position, material.roughness, centre)
-            self._transfers[key] = transfer(*surface, lights.directions, visible)
-            if len(self._transfers) > _KEPT_TRANSFERS:
-                self._transfers.popitem(last=False)
-        return torch.cat(relight(self._transfers[key], lights.irradiance))
-
-    def _material(self, query: Query, posed: PosedSurface) -> Material:
-        if posed not in self._materials:  # with `Skips.repeated` off every call has a surface of its own
-            joints = torch.from_numpy(query.pose.joints.copy()).float()
-            self._materials[posed] = self._model.material(self._texture, joints, posed)
-            if len(self._materials) > _KEPT_POSES:
-                self._materials.popitem(last=False)
-        return self._materials[posed]
+        return prediction(self._raster, surface.atlas.dilate(surface.atlas.scatter(colour)))
 
 
 class URHandPrior(Prior):

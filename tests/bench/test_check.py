@@ -14,7 +14,7 @@ def verdicts(name, protocol):
 
 def test_a_lawful_method(fakes, toy_protocol):
     found = verdicts("toy", toy_protocol())
-    assert [verdict.holds for verdict in found.values()] == [True] * 5
+    assert [verdict.holds for verdict in found.values()] == [True] * 6
     assert "10 of 10 queries drawn" in found["finite"].detail
 
 
@@ -62,14 +62,14 @@ def test_what_the_user_can_mend_breaks_no_law(fakes, toy_protocol, capsys):
 
 
 def test_a_declared_failure_is_an_answer(fakes, toy_protocol, monkeypatch):
-    real = fakes.ToyAvatar.relight
+    real = fakes.ToyAvatar.draw
 
-    def relight(avatar, query):
-        if query.camera.name == "side":
+    def draw(avatar, viewpoint, light):
+        if viewpoint.camera.name == "side":
             raise NonFinite("the texture overflowed")
-        return real(avatar, query)
+        return real(avatar, viewpoint, light)
 
-    monkeypatch.setattr(fakes.ToyAvatar, "relight", relight)
+    monkeypatch.setattr(fakes.ToyAvatar, "draw", draw)
     found = verdicts("toy-directional", toy_protocol())
     assert [law for law, verdict in found.items() if verdict.holds is False] == []
     assert found["finite"].detail == "4 of 10 queries drawn, 2 unsupported, 4 declared non-finite"

@@ -156,9 +156,9 @@ def test_times_regress_beyond_threshold_and_spread(tmp_path: Path) -> None:
     assert _gate(slow, old, time=0.25).verdict is Verdict.REGRESSION
     assert _gate(slow, old, time=0.5).verdict is Verdict.PASS
     assert _gate(slow, old, time=None).verdict is Verdict.PASS
-    found = _check(_gate(slow, old, time=0.25), "good", "known pose, ms", "")
+    found = _check(_gate(slow, old, time=0.25), "good", "known pose, new light, olat, ms", "")
     assert found.kind == "time" and found.worse == pytest.approx(0.4) and found.low is not None and found.low > 0.25
-    assert _check(_gate(old, slow, time=0.25), "good", "known pose, ms", "").verdict == "better"
+    assert _check(_gate(old, slow, time=0.25), "good", "known pose, new light, olat, ms", "").verdict == "better"
 
 
 def test_times_within_their_spread_do_not_regress(tmp_path: Path) -> None:

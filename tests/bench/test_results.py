@@ -50,7 +50,9 @@ def test_scores_are_one_line_a_value(folder: Path) -> None:
 
 def test_cells_methods_and_runs(folder: Path) -> None:
     cells = _ask(
-        "SELECT count(*), max(nonlinearity), min(relight_ms), any_value(cpu), any_value(gpus) FROM cells", folder
+        "SELECT count(*), max(nonlinearity), (SELECT min(known_pose_ms) FROM times), any_value(cpu), any_value(gpus) "
+        "FROM cells",
+        folder,
     )
     assert cells.rows == [(18, 1e-7, 4.2, "Example CPU", "")]
     methods = _ask("SELECT method, title, truth, preset, config->>'texture' FROM methods", folder)

@@ -185,12 +185,10 @@ def test_colours_of_one_light_may_lie_apart_and_the_bound_knows() -> None:
     assert len(reduced_to(environment, 0.1)) == 2
 
 
-def test_answers_repeat_and_are_read_only() -> None:
+def test_answers_repeat() -> None:
     environment = random_map(30, 40)
-    first, again = reduced(environment, 33), reduced.__wrapped__(environment, 33)
+    first, again = reduced(environment, 33), reduced(environment, 33)
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
-    with pytest.raises(ValueError, match="read-only"):
-        first[1][0] = 0.0
 
 
 def test_large_maps_are_fast() -> None:

@@ -17,7 +17,7 @@ from handbench.data.openstage import open_capture
 from handbench.errors import InputError, Unsupported
 from handbench.hand import OpenHand, sample_pose
 from handbench.method import Recording
-from handbench.methods.geometry import GeometryPrior, Tracker, Tracking, create, tracked
+from handbench.methods.geometry import GeometryPrior, Tracker, Tracking, create
 from handbench.methods.geometry.config import Config
 from handbench.methods.geometry.model import _NEAR, GeometryModel
 from handbench.methods.geometry.networks import divergence
@@ -153,7 +153,7 @@ def test_scans_lie_on_the_tracked_surface(lit: Recording) -> None:
 
 def test_the_picture_is_cut_around_the_hand(lit: Recording) -> None:
     frame = lit.frames[0]
-    found = neutral(lit.of_subject(frame.subject)).observed(frame)
+    found = neutral(lit.of_subject(frame.subject)).observed(frame.pose)
     seen = picture(np.repeat(lit.observe(frame).alpha[..., None], 3, 2), frame.camera, found, 64)
     rows, columns = (np.flatnonzero(seen[0].numpy().max(axis=axis) > 0.5) for axis in (1, 0))
     assert rows[0] > 0 and len(rows) > 30 and 15 < len(columns) < 64
@@ -261,14 +261,14 @@ def test_tracked_frames_share_a_mesh_and_keep_their_pictures(
     mini: Capture, lit: Recording, prior: GeometryPrior
 ) -> None:
     olats = mini.recording(f for f in mini.frames() if f.pose_key == "s01/pose-1" and f.kind == "olat")
-    found = tracked(olats, prior, lit)
+    found = Tracking(prior, lit).recording(olats)
     assert len({id(f.mesh) for f in found.frames}) == 1
     frame, before = found.frames[3], olats.frames[3]
     assert (frame.key, type(frame), frame.light) == (before.key, Frame, before.light)
     assert frame.mesh.topology is before.mesh.topology and frame.mesh is not before.mesh
     np.testing.assert_array_equal(found.observe(frame).image, olats.observe(before).image)
-    query = Tracking(prior, lit)(before.query)
-    np.testing.assert_array_equal(query.mesh.vertices, frame.mesh.vertices)
+    again = Tracking(prior, lit).of(before.viewpoint)
+    np.testing.assert_array_equal(again.mesh.vertices, frame.mesh.vertices)
     # pose and mesh belong together: the tracked pose puts the wrist where the mesh has it
     assert np.abs(frame.pose.joints - before.pose.joints).max() < np.radians(25)
 
@@ -324,7 +324,7 @@ def test_recordings_that_cannot_be_learned_from(
 def test_a_pose_without_a_fully_lit_frame(mini: Capture, lit: Recording, prior: GeometryPrior) -> None:
     frame = next(f for f in mini.frames() if f.segment == "held-out")
     with pytest.raises(Unsupported, match=f"{frame.pose_key} cannot be tracked"):
-        Tracking(prior, lit)(frame)
+        Tracking(prior, lit).of(frame)
 
 
 def test_another_hand_model(lit: Recording) -> None:

@@ -11,22 +11,27 @@ import pytest
 from handbench.errors import Unsupported
 from handbench.method import Recording
 from handbench.methods import mean, oracle, phong, physical
-from handbench.methods.reflectance import ReflectancePrior, _fit, full_exposure, normalised_texture
-from handbench.scene import Frame, Group, Mesh
+from handbench.methods.reflectance import ReflectancePrior, _Fit, full_exposure, normalised_texture
+from handbench.scene import Frame, Group
 from handbench.skips import NONE, Skips, skipping, tallied
 
 
 def test_the_fit_recovers_its_scales() -> None:
     rng = np.random.default_rng(0)
     pictures = [rng.random((50, 2)) for _ in range(3)]
-    error, scales = _fit(iter([(p, p @ [0.8, 0.3]) for p in pictures]))
+    fit = _Fit()
+    for some in pictures:
+        fit.add(some, some @ [0.8, 0.3])
+    error, *scales = fit.solved()
     assert np.allclose(scales, (0.8, 0.3)) and abs(error) < 1e-12
 
 
 def test_the_fit_never_gives_a_negative_scale() -> None:
     rng = np.random.default_rng(0)
     pictures = rng.random((50, 2))
-    _, scales = _fit(iter([(pictures, pictures @ [0.8, -0.3])]))
+    fit = _Fit()
+    fit.add(pictures, pictures @ [0.8, -0.3])
+    _, *scales = fit.solved()
     assert scales[1] == 0.0 and scales[0] > 0
 
 
@@ -94,8 +99,7 @@ def test_skips_do_not_change_the_picture(switch: str, enrolment: Recording, mini
     images = []
     for chosen in (Skips(), off):
         with skipping(chosen), tallied() as tally:
-            own = replace(frame.query, mesh=Mesh(frame.mesh.vertices, frame.mesh.topology))  # no map of it is kept
-            images.append(prior.personalise(enrolment).relight(own).image)
+            images.append(prior.personalise(enrolment).relight(frame).image)
         skipped = {what for what, saved in tally.lines().items() if saved.skipped}
         if chosen is off and switch == "unseen":
             assert "texels out of sight" not in skipped

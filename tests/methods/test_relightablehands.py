@@ -64,7 +64,7 @@ def test_equation_7_in_both_forms() -> None:
 
 
 def test_texel_frames_follow_the_surface_and_the_texture(training: Recording) -> None:
-    posed = PosedSurface.of(training.frames[0].mesh, 128)
+    posed = PosedSurface(training.frames[0].mesh, 128)
     frames = tangent_frames(posed)
     gram = torch.einsum("ijn,kjn->nik", frames, frames)
     good = frames[0].norm(dim=0) > 0.5
@@ -96,7 +96,7 @@ def test_a_turned_hand_under_turned_light_and_camera_answers_alike(training: Rec
         (frame.mesh.vertices, frame.camera.centre, direction),
         (frame.mesh.vertices @ turn.T, turn @ frame.camera.centre, turn @ direction),
     ):
-        posed = PosedSurface.of(Mesh(vertices, frame.mesh.topology), SMOKE.texture)
+        posed = PosedSurface(Mesh(vertices, frame.mesh.topology), SMOKE.texture)
         visible = torch.ones(1, posed.atlas.count)
         answers.append(
             model.responses(Seen.of(posed, centre, frame.pose.joints), towards[None], visible)[0].detach().numpy()
@@ -133,26 +133,21 @@ def test_what_is_kept_changes_nothing_and_is_bounded(
     avatar: Avatar, training: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert isinstance(avatar, RelightableHandsAvatar)
-    avatar._kept.clear()
     light = Group((sun(0.2, 0.9, 0.3), sun(0.1, 0.2, 0.9), sun(0.2, 0.9, 0.3)))
-    with skipping(Skips(repeated=False)):
+    with skipping(Skips(known=False)):
         fresh = picture(avatar, asked(training, light))
-    picture(avatar, asked(training, sun(0.1, 0.2, 0.9)))
+    posed = avatar.pose(asked(training, light).viewpoint)
+    posed.relight(sun(0.1, 0.2, 0.9))
     calls: list[int] = []
     monkeypatch.setattr(avatar._model.decoder, "forward", _counting(avatar._model.decoder.forward, calls))
-    kept = picture(avatar, asked(training, light))
+    kept = posed.relight(light).image
     assert calls == [1]  # of three lights, one is known and two are the same
     assert np.abs(kept - fresh).max() < 1e-5 * fresh.max()
-    picture(avatar, asked(training, light.scaled(3.0)))
+    posed.relight(light.scaled(3.0))
     assert calls == [1]
-    other = next(f.camera for f in training.frames if f.camera is not training.frames[0].camera)
-    seen_from_there = replace(asked(training, light), camera=other)
-    with skipping(Skips(repeated=False)):
-        fresh = picture(avatar, seen_from_there)
-    assert np.abs(picture(avatar, seen_from_there) - fresh).max() < 1e-5 * fresh.max()
     monkeypatch.setattr("handbench.methods.relightablehands.method._KEPT_BYTES", 1)
-    picture(avatar, asked(training, light))
-    assert len(avatar._kept) == 0
+    posed.relight(light)
+    assert len(posed._kept) == 0
 
 
 def _counting(forward, calls):  # type: ignore[no-untyped-def]

@@ -65,7 +65,7 @@ def test_gain_and_bias_are_linear_in_the_features() -> None:
 
 def test_the_physical_branch_starts_at_the_coarse_surface(training: Recording) -> None:
     frame = training.frames[0]
-    posed = PosedSurface.of(frame.mesh, 64)
+    posed = PosedSurface(frame.mesh, 64)
     torch.manual_seed(0)
     model = URHandModel(SMOKE, len(frame.pose.joints))
     material = model.material(torch.rand(3, 64, 64), torch.zeros(len(frame.pose.joints), 3), posed)

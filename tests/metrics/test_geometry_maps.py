@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -197,8 +198,10 @@ def test_maps_are_drawn_only_when_a_metric_asks(monkeypatch: pytest.MonkeyPatch)
     torch = pytest.importorskip("torch")
     calls = []
     for name in ("depth_map", "normal_map"):
-        whole = getattr(Raster, name)
-        monkeypatch.setattr(Raster, name, lambda self, name=name, whole=whole: calls.append(name) or whole(self))
+        whole = vars(Raster)[name].func
+        spy = cached_property(lambda self, name=name, whole=whole: calls.append(name) or whole(self))
+        spy.__set_name__(Raster, name)
+        monkeypatch.setattr(Raster, name, spy)
     capture = open_capture("mini")
     frame = next(f for f in capture.frames() if f.kind == "full")
     raster = rasterise(frame.mesh, frame.camera)

@@ -83,7 +83,7 @@ def test_maps_are_worked_out_when_they_are_asked_for(remote, frames):
 
 def test_the_laws_hold_through_the_wire(remote, toys, toy_protocol):
     verdicts = check_method(remote(), toy_protocol, toys.ToyCapture())
-    assert [verdict.holds for verdict in verdicts] == [True] * 5, verdicts
+    assert [verdict.holds for verdict in verdicts] == [True] * 6, verdicts
 
 
 def test_info_and_config_tell_the_method_and_its_interpreter(remote, fakes, python):
@@ -121,9 +121,9 @@ def test_skips_and_checkpoints_reach_the_method(remote, frames, tmp_path):
 def test_what_is_no_longer_held_here_is_let_go_there(remote, frames):
     method = remote()
     prior, answers = ask(method, *frames, [])
-    assert len(method._worker._release) == 1  # the avatar
+    assert len(method._worker._release) == 2  # the avatar, and what it posed last
     del answers, prior
-    assert len(method._worker._release) == 2 + len(frames[1])
+    assert len(method._worker._release) == 3 + len(frames[1])
 
 
 @pytest.mark.parametrize(

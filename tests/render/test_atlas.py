@@ -71,7 +71,8 @@ def test_atlases_are_kept_by_topology(shapes) -> None:
     topology = shapes.plane().topology
     assert Atlas.of(topology, 8) is Atlas.of(topology, 8)
     assert Atlas.of(topology, 8) is not Atlas.of(topology, 16)
-    assert Atlas.of(topology, 8) is not Atlas.of(shapes.plane().topology, 8)
+    assert Atlas.of(topology, 8) is Atlas.of(shapes.plane().topology, 8), "by its content, not its identity"
+    assert Atlas.of(topology, 8) is not Atlas.of(shapes.plane(cells=3).topology, 8)
 
 
 def test_useless_atlases_are_refused(shapes) -> None:

@@ -10,8 +10,7 @@ import torch
 
 from handbench.hand import OpenHand, named_pose
 from handbench.light.lightset import LightSet, light_samples
-from handbench.render import posed as module
-from handbench.render.posed import PosedSurface, raster
+from handbench.render.posed import PosedSurface
 from handbench.render.shadowmap import soft_visibility
 from handbench.render.shadowstore import kept_on_disk
 from handbench.render.visibility import visibility
@@ -61,15 +60,13 @@ def traced(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many lights each call traced."""
     calls: list[int] = []
 
-    def counted(function):
-        def call(mesh, atlas, directions, positions, texels):
-            calls.append(len(directions) + len(positions))
-            return function(mesh, atlas, directions, positions, texels)
+    whole = PosedSurface._traced
 
-        return call
+    def counted(self, names, wanted):
+        calls.append(len(names))
+        return whole(self, names, wanted)
 
-    monkeypatch.setattr(module, "visibility", counted(visibility))
-    monkeypatch.setattr(module, "soft_visibility", counted(soft_visibility))
+    monkeypatch.setattr(PosedSurface, "_traced", counted)
     return calls
 
 
@@ -125,18 +122,13 @@ def test_disk_knows_some_lights_and_the_others_are_traced(mesh: Mesh, tmp_path: 
     assert traced == [3, 1]
 
 
-def test_without_the_skip_nothing_known_is_used(mesh: Mesh, tmp_path: Path, traced: list[int], shapes) -> None:
-    with kept_on_disk(tmp_path, 1 << 20), skipping(Skips(repeated=False)), tallied() as tally:
-        posed = PosedSurface.of(mesh, 32)
+def test_without_the_skip_nothing_known_is_used(mesh: Mesh, tmp_path: Path, traced: list[int]) -> None:
+    with kept_on_disk(tmp_path, 1 << 20), skipping(Skips(known=False)), tallied() as tally:
+        posed = PosedSurface(mesh, 32)
         first = posed.visibility(LIGHTS)
         assert torch.equal(posed.visibility(LIGHTS), first)
-        assert PosedSurface.of(mesh, 32) is not posed
-        camera = shapes.camera(width=16, height=16, focal=40.0, eye=(0.0, 0.0, 0.8))
-        assert raster(mesh, camera) is not raster(mesh, camera)
     assert traced == [3, 3] and not list(tmp_path.iterdir())
     assert "shadows known already" not in tally.lines()
-    assert PosedSurface.of(mesh, 32) is PosedSurface.of(mesh, 32)
-    assert raster(mesh, camera) is raster(mesh, camera)
 
 
 def test_shadows_of_other_skips_are_not_taken(mesh: Mesh, tmp_path: Path) -> None:
@@ -146,15 +138,6 @@ def test_shadows_of_other_skips_are_not_taken(mesh: Mesh, tmp_path: Path) -> Non
         for surface in (posed, PosedSurface(mesh, 48)):
             with skipping(Skips(below_horizon=False)):
                 assert np.array_equal(surface.visibility(LIGHTS).numpy(), _fresh(mesh, surface, LIGHTS))
-
-
-def test_memory_is_bounded(mesh: Mesh, monkeypatch: pytest.MonkeyPatch, traced: list[int]) -> None:
-    row = -(-PosedSurface(mesh, 32).atlas.count // 8)
-    monkeypatch.setattr(module, "_recent", module._Recent(7 * row))
-    a, b, c = (PosedSurface(mesh, 32) for _ in range(3))
-    for posed in (a, b, a, c, a, b):  # room for two: b had to go
-        assert np.array_equal(posed.visibility(LIGHTS).numpy(), _fresh(mesh, posed, LIGHTS))
-    assert traced == [3, 3, 3, 3]
 
 
 @pytest.mark.parametrize("soft", [False, True])

@@ -25,13 +25,13 @@ def geometry(mesh: Mesh, atlas: Atlas) -> tuple[Array, Array]:
 
 
 def first_hit(mesh: Mesh, origin: Array, direction: Array) -> float:
-    return float(RayScene.of(mesh).cast(origin[None], direction[None]).distance[0])
+    return float(RayScene(mesh.vertices, mesh.topology.faces).cast(origin[None], direction[None]).distance[0])
 
 
 def reference(mesh: Mesh, atlas: Atlas, light: Array, near: bool, size: int) -> Array:
     """One light's soft visibility (N,), texel by texel and tap by tap, in float64."""
     points, normals = geometry(mesh, atlas)
-    centre = RayScene.of(mesh).centre
+    centre = RayScene(mesh.vertices, mesh.topology.faces).centre
     z = centre - light if near else -light
     z = z / np.linalg.norm(z)
     x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
@@ -152,7 +152,9 @@ def test_orthographic_maps_are_the_limit_of_distant_lamps() -> None:
     atlas = Atlas(mesh.topology, 32)
     lights = stage_directions(6)
     distant = soft_visibility(mesh, atlas, lights, size=512)
-    lamps = soft_visibility(mesh, atlas, lights[:0], RayScene.of(mesh).centre + 100.0 * lights, size=512)
+    lamps = soft_visibility(
+        mesh, atlas, lights[:0], RayScene(mesh.vertices, mesh.topology.faces).centre + 100.0 * lights, size=512
+    )
     assert (np.abs(distant - lamps) > 0.02).mean() < 0.01
 
 

@@ -187,8 +187,8 @@ def _write_cell(folder: Path, key: str, info: dict[str, Any], subject: str, numb
         "times": {
             "train_s": 41.3 * number,
             "personalise_s": 0.21 + number,
-            "first_ms": first,
-            "relight_ms": relight,
+            "new_pose_ms": {"group": first},
+            "known_pose_ms": {"group": relight},
             "score_s": 3.0,
         },
         "predictions": f"predictions/{key}",

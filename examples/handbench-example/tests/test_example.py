@@ -12,7 +12,7 @@ from handbench.metrics import Pair
 
 def test_the_method_obeys_the_laws() -> None:
     verdicts = {verdict.law: verdict for verdict in check_method(create(), PROTOCOL, BallCapture())}
-    assert len(verdicts) == 5 and all(verdict.holds for verdict in verdicts.values()), verdicts
+    assert len(verdicts) == 6 and all(verdict.holds for verdict in verdicts.values()), verdicts
 
 
 def test_the_mesh_is_where_the_picture_is() -> None:

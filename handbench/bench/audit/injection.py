@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ...method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
+from ...method import Avatar, Method, MethodInfo, Prior, Progress, RecordedAvatar, Recording, silent
 from ...scene import KNOWN_LIGHTS, Frame, Prediction, Query
 from ..cell import Bench, compute
 from ..plan import Cell
@@ -145,7 +145,7 @@ def _spoil(path: Path) -> None:
     path.write_text(json.dumps(cell), encoding="utf-8")
 
 
-class _Avatar(Avatar):
+class _Avatar(RecordedAvatar):
     def __init__(self, grey: float, spoiled: str) -> None:
         self._grey, self._spoiled = grey, spoiled
 

@@ -14,10 +14,10 @@ from ...light.environment import to_directional
 from ...light.lightset import LightSet
 from ...light.reduction import reduced
 from ...render.atlas import Atlas
+from ...render.posedmesh import PosedMesh
 from ...render.raster import Raster, rasterise
 from ...render.shading import Model, light_features, relight, transfer
 from ...render.shadowmap import soft_visibility
-from ...render.surface import mesh_normals
 from ...render.visibility import visibility
 from ...scene import Array, Environment, Mesh
 from ...skips import NONE, Skips, skipping
@@ -45,10 +45,11 @@ class Core:
     def new_pose(self, mesh: Mesh) -> Array:
         """The picture (H, W, 3) of a mesh of which nothing is kept."""
         with self._skips():
-            raster = rasterise(mesh, self.scene.camera, self.configuration.supersample)
+            posed = PosedMesh(mesh)
+            raster = rasterise(posed, self.scene.camera, self.configuration.supersample)
             some, texels = self._seen(raster)
-            position, normal = (self._at(some, values) for values in (mesh.vertices, mesh_normals(mesh)))
-            rough, seen = self._roughness(some), self._visibility(mesh, some, self.lights.directions)
+            position, normal = (self._at(some, values) for values in (posed.vertices, posed.normals))
+            rough, seen = self._roughness(some), self._visibility(posed, some, self.lights.directions)
             model: Model = "diffuse" if self.scene.roughness is None else "brdf"
             centre = self.scene.camera.centre
             return self._drawn(
@@ -59,16 +60,17 @@ class Core:
     def learn(self, mesh: Mesh) -> Known:
         """What is kept of a pose: raster, texels and their transfer from the texels of the scene's map."""
         with self._skips():
-            raster = rasterise(mesh, self.scene.camera, self.configuration.supersample)
+            posed = PosedMesh(mesh)
+            raster = rasterise(posed, self.scene.camera, self.configuration.supersample)
             some, texels = self._seen(raster)
-            position, normal = (self._at(some, values) for values in (mesh.vertices, mesh_normals(mesh)))
+            position, normal = (self._at(some, values) for values in (posed.vertices, posed.normals))
             rough = self._roughness(some)
             centre, directions = self.scene.camera.centre, self.lights.directions
             owner, shares = _owners(self.configuration, self.scene.environment)
             kept = normal.new_zeros(2, int(owner.max()) + 1, some.count)
             for first in range(0, len(directions), _AT_ONCE):
                 part = slice(first, first + _AT_ONCE)
-                seen = self._visibility(mesh, some, directions[part])
+                seen = self._visibility(posed, some, directions[part])
                 if seen is None:
                     seen = torch.ones(len(directions[part]), some.count, dtype=torch.bool)
                 found = transfer(normal, position, rough, centre, directions[part], seen)
@@ -96,7 +98,7 @@ class Core:
     def _roughness(self, some: Atlas) -> Tensor:
         return torch.full((some.count,), self.scene.roughness or 1.0, dtype=self._dtype)
 
-    def _visibility(self, mesh: Mesh, some: Atlas, directions: Array) -> Tensor | None:
+    def _visibility(self, mesh: PosedMesh, some: Atlas, directions: Array) -> Tensor | None:
         if self.configuration.shadows == "none":
             return None
         trace: Any = visibility if self.configuration.shadows == "hard" else soft_visibility

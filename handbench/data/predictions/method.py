@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, Unsupported
-from ...method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
+from ...method import Avatar, Method, MethodInfo, Prior, Progress, RecordedAvatar, Recording, silent
 from ...registry import Entry
 from ...scene import LIGHT_KINDS, Prediction, Query
 from .folder import PredictionFolder, picture_path
@@ -17,7 +17,7 @@ from .picture import Misfit, read_picture
 FIDELITY = "predictions from a folder, not run here"
 
 
-class FolderAvatar(Avatar):
+class FolderAvatar(RecordedAvatar):
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from handbench.data.capture import Capture
 from handbench.errors import InputError, NonFinite, Unsupported
-from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
+from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.scene import (
     Camera,
     Directional,
@@ -25,8 +25,8 @@ from handbench.scene import (
     Observation,
     Pose,
     Prediction,
-    Query,
     Topology,
+    Viewpoint,
     leaves,
 )
 
@@ -92,23 +92,26 @@ class ToyAvatar(Avatar):
         self._name, self._gain, self._subject = name, gain, subject
         self._asked = 0
 
-    def relight(self, query: Query) -> Prediction:
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        return PosedToy(self, viewpoint)
+
+    def draw(self, viewpoint: Viewpoint, light: Light) -> Prediction:
         CALLS[f"{self._name} relight"] += 1
         self._asked += 1
         if STOP_AT.get(self._name) == CALLS[f"{self._name} relight"]:
             raise KeyboardInterrupt
-        image = np.full((8, 8, 3), 1.0) * brightness(query.light) * self._gain
+        image = np.full((8, 8, 3), 1.0) * brightness(light) * self._gain
         alpha = np.ones((8, 8))
         match self._name:
-            case "toy-nan" if query.camera.name == "side":
+            case "toy-nan" if viewpoint.camera.name == "side":
                 image[0, 0] = np.nan
-            case "toy-crash" if query.subject == "s02":
+            case "toy-crash" if viewpoint.subject == "s02":
                 raise KeyError("weights")
             case "toy-memory":
                 raise MemoryError
             case "toy-diverges":
                 raise NonFinite("the texture overflowed")
-            case "toy-no-environment" if isinstance(query.light, Environment):
+            case "toy-no-environment" if isinstance(light, Environment):
                 raise Unsupported("no environment light")
             case "toy-small":
                 image, alpha = image[:4], alpha[:4]
@@ -117,9 +120,17 @@ class ToyAvatar(Avatar):
             case "toy-forgetful":
                 image = image + 0.01 * self._asked
             case "toy-mutates":
-                query.pose.joints.flags.writeable = True
-                query.pose.joints[:] += 1
+                viewpoint.pose.joints.flags.writeable = True
+                viewpoint.pose.joints[:] += 1
         return Prediction(image, alpha)
+
+
+class PosedToy(PosedAvatar):
+    def __init__(self, avatar: ToyAvatar, viewpoint: Viewpoint) -> None:
+        self._avatar, self._viewpoint = avatar, viewpoint
+
+    def relight(self, light: Light) -> Prediction:
+        return self._avatar.draw(self._viewpoint, light)
 
 
 class ToyPrior(Prior):

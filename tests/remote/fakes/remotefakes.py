@@ -15,8 +15,8 @@ import numpy as np
 
 from handbench.checkpoint import checkpoints
 from handbench.errors import InputError, NonFinite, Unsupported
-from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
-from handbench.scene import Environment, Prediction, Query, leaves
+from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.scene import Environment, Light, Mesh, Prediction, Viewpoint, leaves
 from handbench.skips import note, skips
 
 
@@ -90,17 +90,25 @@ class RemoteAvatar(Avatar):
     def __init__(self, gain: float, paint: np.ndarray, wrong: dict[str, str]) -> None:
         self._gain, self._paint, self._wrong = gain, paint, wrong
 
-    def relight(self, query: Query) -> Prediction:
-        if query.pose_name == "pose-2":
-            misbehave(self._wrong.get("relight", ""))
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        size = float(np.linalg.norm(viewpoint.mesh.vertices)) * viewpoint.camera.K[0, 0]
+        paint = self._gain * self._paint * np.float32(size)
+        wrong = self._wrong.get("relight", "") if viewpoint.pose_name == "pose-2" else ""
+        return PosedRemote(paint, viewpoint.mesh, wrong)
+
+
+class PosedRemote(PosedAvatar):
+    def __init__(self, paint: np.ndarray, mesh: Mesh, wrong: str) -> None:
+        self._paint, self._mesh, self._wrong = paint, mesh, wrong
+
+    def relight(self, light: Light) -> Prediction:
+        misbehave(self._wrong)
         note("lights", 3, 2 if skips().dark_lights else 0)
         means = [
-            leaf.radiance.mean((0, 1)) if isinstance(leaf, Environment) else leaf.irradiance
-            for leaf in leaves(query.light)
+            leaf.radiance.mean((0, 1)) if isinstance(leaf, Environment) else leaf.irradiance for leaf in leaves(light)
         ]
-        size = float(np.linalg.norm(query.mesh.vertices)) * query.camera.K[0, 0]
-        image = self._gain * np.sum(means, axis=0) * self._paint * np.float32(size)
-        return Prediction(image, np.ones(image.shape[:2]), depth=_Drawn(image.shape[:2]), mesh=query.mesh)
+        image = np.sum(means, axis=0) * self._paint
+        return Prediction(image, np.ones(image.shape[:2]), depth=_Drawn(image.shape[:2]), mesh=self._mesh)
 
 
 class _Drawn:

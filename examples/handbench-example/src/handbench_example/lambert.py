@@ -1,4 +1,4 @@
-"""A method in three small classes: the mean texture, relit as if the surface were Lambertian and shadowless."""
+"""A method in four small classes: the mean texture, relit as if the surface were Lambertian and shadowless."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import torch
 
 from handbench.data.texture import mean_texture
 from handbench.light.lightset import light_samples
-from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, Recording, silent
-from handbench.render.posed import raster
-from handbench.scene import Array, Light, Prediction, Query
+from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.render.raster import Raster, rasterise
+from handbench.scene import Array, Light, Prediction, Viewpoint
 
 TEXELS = 64
 
@@ -29,12 +29,22 @@ class LambertAvatar(Avatar):
     def __init__(self, texture: torch.Tensor) -> None:
         self._texture = texture
 
-    def relight(self, query: Query) -> Prediction:
-        picture = raster(query.mesh, query.camera)
-        shading = picture.mean(irradiance(picture.normal, query.light))
-        albedo = picture.sample(self._texture).permute(1, 2, 0).numpy()
-        alpha = picture.alpha  # both are premultiplied: once is enough
-        return Prediction(shading * albedo / np.maximum(alpha, 1e-6)[..., None], alpha)
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        raster = rasterise(viewpoint.mesh, viewpoint.camera)
+        return PosedLambert(raster, raster.sample(self._texture).permute(1, 2, 0).numpy())
+
+
+class PosedLambert(PosedAvatar):
+    """What lights share: which surface each pixel shows, and its premultiplied albedo (H, W, 3)."""
+
+    def __init__(self, raster: Raster, albedo: Array) -> None:
+        self._raster, self._albedo = raster, albedo
+        self._normal = raster.normal
+
+    def relight(self, light: Light) -> Prediction:
+        shading = self._raster.mean(irradiance(self._normal, light))
+        alpha = self._raster.alpha  # shading and albedo are both premultiplied: once is enough
+        return Prediction(shading * self._albedo / np.maximum(alpha, 1e-6)[..., None], alpha)
 
 
 class LambertPrior(Prior):
@@ -43,8 +53,7 @@ class LambertPrior(Prior):
     def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
         lit = []
         for frame in enrolment.of_kind("full").frames:
-            normal = raster(frame.mesh, frame.camera).normal
-            lit.append(irradiance(normal, frame.light).mean())
+            lit.append(irradiance(rasterise(frame.mesh, frame.camera).normal, frame.light).mean())
         return LambertAvatar(mean_texture(enrolment, TEXELS).texture / float(np.mean(lit)))
 
     def save(self, folder: Path) -> None:
