@@ -66,7 +66,7 @@ def test_it_is_listed(handbench: Handbench) -> None:
 def test_its_method_obeys_the_laws(handbench: Handbench) -> None:
     done = handbench("check", "example-lambert", "--protocol", "example")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count(" holds ") == 5
+    assert done.stdout.count(" holds ") == 6
 
 
 def test_its_protocol_runs_with_its_capture_method_and_metric(handbench: Handbench, tmp_path: Path) -> None:
