@@ -43,6 +43,18 @@ class StorageError(HandbenchError, OSError):
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> InputError:
     """An `InputError` for a name that is not registered, with the closest known names."""
     names = sorted(known)
-    close = difflib.get_close_matches(name, names, n=2, cutoff=0.5)
+    # looking for what is close takes minutes for a name as long as a book
+    close = difflib.get_close_matches(name, names, n=2, cutoff=0.5) if len(name) <= 100 else []
     hint = f"did you mean {' or '.join(map(repr, close))}?" if close else f"known: {', '.join(names)}"
-    return InputError(f"unknown {kind} {name!r}; {hint}")
+    return InputError(f"unknown {kind} {shortened(name)}; {hint}")
+
+
+def shortened(value: object) -> str:
+    """A value as it is written in a sentence, in some 60 characters at most, whatever it is."""
+    if isinstance(value, int) and value.bit_length() > 200:
+        return f"a whole number of {value.bit_length()} bits"
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # a number with thousands of digits inside, or lists in lists
+        text = f"a {type(value).__name__} that is too large to be shown"
+    return text if len(text) <= 60 else f"{text[:50]}… ({len(text)} characters)"

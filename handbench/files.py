@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from .errors import Absent, InputError, StorageError
+from .errors import Absent, InputError, StorageError, shortened
 
 JSON_LIMIT = 256 << 20  # bytes
 DEPTH = 64  # tables and lists in one another
@@ -32,11 +32,14 @@ def read_bytes(path: Path, limit: int, what: str = "file") -> bytes:
     try:
         # without O_NONBLOCK a named pipe would wait for its writer
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
-        with os.fdopen(descriptor, "rb") as file:
+        try:
             found = os.fstat(descriptor)
             if not stat.S_ISREG(found.st_mode):
                 raise InputError(f"{what} {path} is {_kind(found.st_mode)}; give a regular file")
-            content = file.read(limit + 1) if found.st_size <= limit else b""
+            with os.fdopen(descriptor, "rb", closefd=False) as file:
+                content = file.read(limit + 1) if found.st_size <= limit else b""
+        finally:
+            os.close(descriptor)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise Absent(f"{what} {path} does not exist; check its path") from error
     except (OSError, ValueError) as error:  # a name with a null byte is a ValueError
@@ -92,14 +95,6 @@ def check_value(value: Any, owner: str) -> None:
             return
         level = inner
     raise InputError(f"{owner}: tables or lists are nested deeper than {DEPTH} levels; make it flat")
-
-
-def shortened(value: Any) -> str:
-    """A value for a sentence, at most some 60 characters long, whatever it is."""
-    if isinstance(value, int) and value.bit_length() > 200:
-        return f"a whole number of {value.bit_length()} bits"
-    text = repr(value) if not isinstance(value, dict | list) else f"a {type(value).__name__} of {len(value)} entries"
-    return text if len(text) <= 60 else f"{text[:50]}… ({len(text)} characters)"
 
 
 def check_file(path: Path, remedy: str = "choose another file with --out") -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import tomllib
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -18,9 +18,13 @@ from handbench.bench.protocol import (
     Published,
     Selection,
 )
-from handbench.errors import InputError, unknown_name
+from handbench.errors import InputError, shortened, unknown_name
+from handbench.files import check_value
 from handbench.recording import PARTS
 from handbench.scene import check_frame_kind
+from handbench.terminal import printable
+
+from .toml import read_toml
 
 T = TypeVar("T")
 
@@ -31,22 +35,18 @@ _TOP = (
     *("name", "version", "title", "summary", "capture", "size", "subjects", "train", "enrol", "column"),
     *("metrics", "methods", "seeds", "preset", "presets", "aggregation", "sample_seed", "published", "published_note"),
 )
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")  # a run folder has it, so it is no path
 _PUBLISHED = ("method", "title", "marker", "source", "values")
 
 
 def load(path: Path) -> Protocol:
     """The protocol in a TOML file. Raises `InputError` for an unreadable file or a value that cannot be used."""
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"protocol file {path} cannot be read ({error.strerror}); check its path") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"protocol file {path} is not valid TOML: {error}") from error
-    return parse(table, str(path))
+    return parse(read_toml(path, "protocol file"), str(path))
 
 
 def parse(table: Mapping[str, Any], origin: str) -> Protocol:
     """A protocol from a parsed TOML table; `origin` names it in errors."""
+    check_value(table, f"protocol {origin}")
     top = _Reader(f"protocol {origin}", table, _TOP)
     groups = _Reader(f"{top.owner} [subjects]", top.table("subjects"), ("trained", "unseen"))
     trained = groups.texts("trained")
@@ -62,7 +62,7 @@ def parse(table: Mapping[str, Any], origin: str) -> Protocol:
     metrics = top.texts("metrics")
     published = top.get("published", list, "[[published]] tables", [])
     return Protocol(
-        name=top.text("name"),
+        name=top.name("name"),
         version=top.whole("version", least=1),
         title=top.text("title"),
         summary=top.text("summary"),
@@ -84,7 +84,7 @@ def parse(table: Mapping[str, Any], origin: str) -> Protocol:
             _published(f"{top.owner} published {i + 1}", row, [column.name for column in named], metrics)
             for i, row in enumerate(published)
         ),
-        published_note=top.get("published_note", str, "a text", ""),
+        published_note=top.text("published_note", default="", empty=True),
     )
 
 
@@ -110,11 +110,15 @@ def _subjects(column: _Reader, trained: tuple[str, ...], unseen: tuple[str, ...]
             if name not in trained + unseen:
                 raise unknown_name(f"subject in {column.owner}:", name, trained + unseen)
         if set(names) & set(trained) and set(names) & set(unseen):
-            raise InputError(f"{column.owner}: subjects {list(names)} are of both groups; name trained or unseen ones")
+            raise InputError(
+                f"{column.owner}: subjects {shortened(list(names))} are of both groups; name trained or unseen ones"
+            )
         return names
     group = column.text("subjects")
     if group not in ("trained", "unseen"):
-        raise InputError(f'{column.owner}: subjects is {group!r}; write "trained", "unseen" or a list of names')
+        raise InputError(
+            f'{column.owner}: subjects is {shortened(group)}; write "trained", "unseen" or a list of names'
+        )
     if group == "unseen" and not unseen:
         raise InputError(f'{column.owner}: subjects is "unseen", but [subjects] lists no unseen subject; add one')
     return group
@@ -134,7 +138,7 @@ def _published(owner: str, table: Any, columns: Sequence[str], metrics: Sequence
             values.append((column, metric, float(value)))
     if not values:
         raise InputError(f"{owner}: values is empty; give a number or remove the row")
-    marker = reader.get("marker", str, "a text", "")
+    marker = reader.text("marker", default="", empty=True)
     return Published(method, reader.text("title"), marker, reader.text("source"), tuple(values))
 
 
@@ -159,7 +163,9 @@ def _enrolment(owner: str, table: Mapping[str, Any]) -> Enrolment:
 def _aggregation(top: _Reader) -> tuple[str, ...]:
     steps = top.texts("aggregation")
     if steps != AGGREGATION:
-        raise InputError(f"{top.owner}: aggregation is {list(steps)}; reports average in the order {list(AGGREGATION)}")
+        raise InputError(
+            f"{top.owner}: aggregation is {shortened(list(steps))}; reports average in the order {list(AGGREGATION)}"
+        )
     return steps
 
 
@@ -167,7 +173,7 @@ def _distinct(owner: str, what: str, values: Iterable[Any]) -> None:
     seen = set()
     for value in values:
         if value in seen:
-            raise InputError(f"{owner}: {what} {value!r} is given twice; keep one")
+            raise InputError(f"{owner}: {what} {shortened(value)} is given twice; keep one")
         seen.add(value)
 
 
@@ -177,27 +183,39 @@ class _Reader:
     def __init__(self, owner: str, table: Any, known: Sequence[str] | None) -> None:
         self.owner = owner
         if not isinstance(table, Mapping):
-            raise InputError(f"{owner}: expected a table, got {table!r}")
+            raise InputError(f"{owner}: expected a table, got {shortened(table)}")
         self.given = table
         for key in table:
             if known is not None and key not in known:
                 raise unknown_name(f"key in {owner}:", key, known)
+            if not _one_line(key):
+                raise InputError(f"{owner}: key {shortened(key)} is no line without control characters; rename it")
 
     def get(self, key: str, kind: type | tuple[type, ...], wanted: str, default: Any = None) -> Any:
         value = self.given.get(key, default)
         if value is None:
             raise InputError(f"{self.owner}: {key!r} is missing; give {wanted}")
         if not isinstance(value, kind) or isinstance(value, bool):
-            raise InputError(f"{self.owner}: {key} is {value!r}; give {wanted}")
+            raise InputError(f"{self.owner}: {key} is {shortened(value)}; give {wanted}")
         return value
 
     def table(self, key: str, default: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
         return self.get(key, dict, f"a [{key}] table", default)
 
-    def text(self, key: str, default: str | None = None) -> str:
+    def text(self, key: str, default: str | None = None, empty: bool = False) -> str:
         value = self.get(key, str, "a text", default)
-        if not value.strip():
+        if not value.strip() and not empty:
             raise InputError(f"{self.owner}: {key} is empty; give a text")
+        if not _one_line(value):
+            raise InputError(f"{self.owner}: {key} is {shortened(value)}; give one line without control characters")
+        return value
+
+    def name(self, key: str) -> str:
+        value = self.text(key)
+        if not _NAME.fullmatch(value):
+            raise InputError(
+                f"{self.owner}: {key} is {shortened(value)}; use up to 64 letters, digits, points, dashes, underscores"
+            )
         return value
 
     def choice(self, key: str, value: str, known: Iterable[T]) -> T:
@@ -214,7 +232,10 @@ class _Reader:
         return value
 
     def texts(self, key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
-        return self._list(key, "a list of texts", lambda item: isinstance(item, str) and bool(item.strip()), default)
+        def fits(item: Any) -> bool:
+            return isinstance(item, str) and bool(item.strip()) and _one_line(item)
+
+        return self._list(key, "a list of texts", fits, default)
 
     def wholes(self, key: str, default: tuple[int, ...] | None = None) -> tuple[int, ...]:
         return self._list(
@@ -228,6 +249,10 @@ class _Reader:
             return default
         values = self.get(key, list, wanted)
         if not values or not all(map(fits, values)):
-            raise InputError(f"{self.owner}: {key} is {values!r}; give {wanted}, not empty")
+            raise InputError(f"{self.owner}: {key} is {shortened(values)}; give {wanted}, not empty")
         _distinct(self.owner, f"entry of {key}", values)
         return tuple(values)
+
+
+def _one_line(text: str) -> bool:
+    return printable(text) == text and not set("\n\t") & set(text)

@@ -54,7 +54,7 @@ def test_list_does_not_load_what_it_lists(capsys):
         ),
         (["check", "ohy"], "handbench: unknown method 'ohy'; known: "),
         (["data", "make", "openstag"], "handbench: unknown capture 'openstag'; did you mean 'openstage'?\n"),
-        (["run", "absent.toml"], "handbench: protocol file absent.toml cannot be read (No such file or directory)"),
+        (["run", "absent.toml"], "handbench: protocol file absent.toml does not exist; check its path\n"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(command, message, capsys, tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from handbench import files
-from handbench.errors import Absent, InputError, StorageError
+from handbench.errors import Absent, InputError, StorageError, shortened
 
 
 def _fifo(folder: Path) -> Path:
@@ -127,5 +127,5 @@ def test_a_target_is_looked_at_before_the_work(tmp_path):
 
 def test_a_value_is_told_in_few_characters():
     for value in (10**5000, "x" * 10_000, [[]] * 10_000, {"a": 1}, 5):
-        assert len(files.shortened(value)) < 90
-    assert files.shortened(5) == "5"
+        assert len(shortened(value)) < 90
+    assert shortened(5) == "5"

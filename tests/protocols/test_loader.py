@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import time
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -49,6 +51,19 @@ def test_quick_answers_its_four_questions():
         (("column", 0, "limits"), 3, "'limits'; did you mean 'limit'"),
         (("subjects", "seen"), ["s01"], r"\[subjects\]: 'seen'; did you mean 'unseen'"),
         (("version",), 0, "version is 0; give a whole number, at least 1"),
+        (("name",), "../up", r"name is '\.\./up'; use up to 64 letters"),
+        (("name",), "a/b", "use up to 64 letters"),
+        (("name",), "x" * 65, "use up to 64 letters"),
+        (("name",), ".", "use up to 64 letters"),
+        (("title",), "a\x1b[31m", "title is 'a.x1b.31m'; give one line without control characters"),
+        (("column", 0, "title"), "two\nlines", "give one line"),
+        (("column", 0, "title"), "turned \u202e round", "give one line"),
+        (("published_note",), "a\n\nb", "published_note is .* give one line"),
+        (("metrics",), ["psnr\x07"], "give a list of texts"),
+        (("presets",), {"ur\nhand": "quick"}, "key 'ur.nhand' is no line"),
+        (("title",), "\ud800", "half a character"),
+        (("version",), 2**63, "does not fit into 64 bits"),
+        (("sample_seed",), 10**1000, "a whole number of 3322 bits does not fit"),
         (("version",), True, "version is True; give a whole number"),
         (("version",), "1", "version is '1'; give a whole number"),
         (("title",), " ", "title is empty"),
@@ -90,14 +105,61 @@ def test_what_is_missing_is_named(key):
 
 
 def test_files_that_cannot_be_read(tmp_path):
-    with pytest.raises(InputError, match=r"absent\.toml cannot be read"):
+    with pytest.raises(InputError, match=r"absent\.toml does not exist"):
         load(tmp_path / "absent.toml")
     (tmp_path / "broken.toml").write_text("name = \n")
     with pytest.raises(InputError, match=r"broken\.toml is not valid TOML: .*line 1"):
         load(tmp_path / "broken.toml")
     (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
-    with pytest.raises(InputError, match="not valid TOML"):
+    with pytest.raises(InputError, match="no UTF-8"):
         load(tmp_path / "latin.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = " + "[" * 900 + "]" * 900, "nested deeper"),
+        ("x = " + "{a=" * 900 + "1" + "}" * 900, "nested deeper"),
+        (".".join("a" * 100_000) + " = 1", "nested deeper"),
+        ("[" + ". ".join(["a"] * 50_000) + "]", "nested deeper"),
+        ('"a".' * 50_000 + "b = 1", "nested deeper"),
+        ("[[" + ".".join("a" * 50_000) + "]]", "nested deeper"),
+        ("version = " + "9" * 5000, "a number has thousands of digits"),
+        ("version = 0x" + "f" * 5000, "a whole number of 20000 bits does not fit into 64 bits"),
+        ("version = 9223372036854775808", "9223372036854775808 does not fit into 64 bits"),
+        ("seeds = [1, 18446744073709551616]", "18446744073709551616 does not fit"),
+        ('title = "\\uD800"', "not valid TOML"),
+        ("a" * 100_000 + " = 1", r"unknown key in protocol .*'aaa.* \(100002 characters\); known: "),
+        ("x = 1\n" * 50_000, "more than the 262,144"),
+        ('"""' + "x\\" * 100_000, "not valid TOML"),
+    ],
+)
+def test_files_that_are_traps_are_one_short_sentence_at_once(tmp_path, text, message):
+    path = tmp_path / "a.toml"
+    path.write_text(text)
+    start = time.perf_counter()
+    with pytest.raises(InputError, match=message) as caught:
+        load(path)
+    assert time.perf_counter() - start < 2
+    assert len(str(caught.value)) < 600 + len(str(path))
+
+
+def test_what_is_no_file_is_no_protocol(tmp_path):
+    os.mkfifo(tmp_path / "fifo.toml")
+    (tmp_path / "endless.toml").symlink_to("/dev/zero")
+    (tmp_path / "folder.toml").mkdir()
+    for name in ("fifo", "endless", "folder"):
+        with pytest.raises(InputError, match="give a regular file"):
+            load(tmp_path / f"{name}.toml")
+
+
+def test_structure_in_texts_and_comments_is_none(tmp_path):
+    dots = ". . a.b.c.d.e.f.g.h.i.j.k.l.m.n.o.p.q.r.s [[[[[[[[[[[[[[[[[[[[[[ {{{{ "
+    text = (FOLDER / "smoke.toml").read_text() + f"\n# {dots}\n"
+    for quote in ('"', "'", '"""', "'''"):
+        path = tmp_path / "a.toml"
+        path.write_text(re.sub("^summary = .*$", f"summary = {quote}{dots}{quote}", text, count=1, flags=re.MULTILINE))
+        assert load(path).summary == dots
 
 
 def test_quick_and_smoke_keep_their_digests():
