@@ -22,6 +22,7 @@ from ..base import PairFamily
 from ..pair import Pair
 from ..view import ALPHA
 from .angles import angles
+from .units import same_unit
 
 _MM = 1000.0
 _OVERLAP = f"region:both-alpha>{ALPHA:g}"
@@ -55,6 +56,7 @@ def _known(values: Array) -> Array:
 
 def _depth(pair: Pair, options: Mapping[str, str]) -> float:
     prediction, truth = _compared(pair, "depth")
+    same_unit("the depth is", float(np.median(prediction)), float(np.median(truth)))
     return float(_MM * np.abs(prediction - truth).mean())
 
 

@@ -14,6 +14,7 @@ from handbench.scene import Array
 
 from ..base import PairFamily
 from ..pair import Pair
+from .units import same_unit
 
 _MM = 1000.0
 
@@ -29,6 +30,7 @@ def _joints(pair: Pair, options: Mapping[str, str]) -> float:
     found, true = np.asarray(pair.prediction_joints), np.asarray(pair.truth_joints)
     if len(found) != len(true):
         raise Unsupported(f"other joints: the prediction has {len(found)}, the truth {len(true)}")
+    same_unit("the joints span", _extent(found), _extent(true))
     return point_error(found, true)
 
 
@@ -39,7 +41,12 @@ def _vertices(pair: Pair, options: Mapping[str, str]) -> float:
     sizes = (len(found.vertices), len(true.vertices))
     if sizes[0] != sizes[1] or not np.array_equal(found.topology.faces, true.topology.faces):
         raise Unsupported(f"another topology: {sizes[0]} vertices do not correspond to the truth's {sizes[1]}")
+    same_unit("the mesh spans", _extent(found.vertices), _extent(true.vertices))
     return point_error(found.vertices, true.vertices)
+
+
+def _extent(points: Array) -> float:
+    return float(np.ptp(points, axis=0).max()) if len(points) else 0.0
 
 
 JOINT = PairFamily(

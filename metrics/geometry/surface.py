@@ -34,6 +34,7 @@ from handbench.scene import Array, Mesh
 from ..base import PairFamily
 from ..pair import Pair
 from .angles import angles
+from .units import same_unit
 
 POINTS, SEED = 20_000, 0
 _MM = 1000.0
@@ -181,7 +182,8 @@ def _from_truth(pair: Pair) -> Array:
 def _meshes(pair: Pair) -> tuple[Mesh, Mesh]:
     """The prediction and the truth.
 
-    Raises `Unsupported` for a prediction without a surface, and `InputError` for such a truth: a damaged capture.
+    Raises `Unsupported` for a prediction without a surface or in millimetres, and `InputError` for a truth without a
+    surface: a damaged capture.
     """
     prediction, truth = pair.prediction_mesh, pair.truth_mesh
     if prediction is None or truth is None:
@@ -191,6 +193,7 @@ def _meshes(pair: Pair) -> tuple[Mesh, Mesh]:
             surface(mesh)
         except InputError as error:
             raise refusal(f"{whose} {error}") from error
+    same_unit("the mesh spans", *(float(np.ptp(surface(mesh).corners, axis=0).max()) for mesh in (prediction, truth)))
     return prediction, truth
 
 

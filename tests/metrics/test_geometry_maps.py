@@ -135,6 +135,11 @@ class Promised:
         return np.array(self._draw(), dtype=dtype, copy=copy)
 
 
+def test_a_depth_in_millimetres_is_named() -> None:
+    told = reason("depth", prediction_depth=1000 * PERFECT["truth_depth"])
+    assert told is not None and told.startswith("the depth is ") and "prediction seems to be in millimetres" in told
+
+
 def test_a_map_that_cannot_be_drawn_is_a_reason_and_no_crash() -> None:
     def crash() -> np.ndarray:
         raise RuntimeError("the worker\nis gone")

@@ -64,3 +64,14 @@ def test_what_does_not_correspond_has_a_reason() -> None:
     for found, true in ((POINTS[:2], POINTS), (POINTS[:0], POINTS[:0])):
         with pytest.raises(InputError, match="do not correspond"):
             point_error(found, true)
+
+
+def test_millimetres_are_named() -> None:
+    """Lengths are metres: what is a thousand times the truth, or a thousandth, is no answer; twice as large is."""
+    theirs = 1e3 * POINTS
+    for spec, of in (("joint", lambda a, b: pair(a, b)), ("vertex", lambda a, b: meshes(mesh(a), mesh(b)))):
+        for found, true, whose in ((theirs, POINTS, "prediction"), (POINTS, theirs, "truth")):
+            (score,) = metric(spec)([of(found, true)])
+            assert score.value is None and f"the {whose} seems to be in millimetres; give metres" in score.reason
+        assert metric(spec)([of(100 * POINTS, POINTS)])[0].value > 0
+        assert metric(spec)([of(0 * POINTS, POINTS)])[0].value > 0

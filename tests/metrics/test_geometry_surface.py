@@ -375,6 +375,17 @@ def test_a_mesh_that_exploded_has_a_reason(spec: str, size: float) -> None:
     assert found.reason is not None and found.reason.startswith("prediction mesh: it reaches ")
 
 
+@pytest.mark.parametrize("spec", SPECS)
+def test_a_mesh_in_millimetres_is_named(spec: str) -> None:
+    prediction, truth = hands()
+    for pair, whose in (((1e3, 1.0), "prediction"), ((1.0, 1e3), "truth")):
+        found, true = (
+            Mesh(one.vertices * size, one.topology) for one, size in zip((prediction, truth), pair, strict=True)
+        )
+        (score,) = metric(spec)([Pair(PICTURE, PICTURE, MASK, prediction_mesh=found, truth_mesh=true)])
+        assert score.value is None and f"the {whose} seems to be in millimetres; give metres" in score.reason
+
+
 def test_points_that_are_no_scan() -> None:
     with pytest.raises(InputError, match="NaN or infinity"):
         surface_distances(plane(), np.full((2, 3), np.nan))
