@@ -194,5 +194,26 @@ def test_bad_input_is_refused(hand: OpenHand) -> None:
         hand.mesh(hand.neutral(), Pose(np.zeros((3, 3))), 0)
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_a_hand_of_any_scale_bends_alike(hand: OpenHand, scale: float) -> None:
+    joints = named_pose("fist").joints
+    small = hand.skin(hand.neutral().scaled(scale), joints).double() / scale
+    truth = hand.skin(hand.neutral(), joints, dtype=torch.float64)
+    assert (small - truth).abs().max() < 1e-6
+
+
+def test_odd_bones_are_finite_or_refused(hand: OpenHand) -> None:
+    neutral, ones = hand.neutral(), hand.neutral().bone_length
+    for odd in (Identity(neutral.blend, 1e3 * ones, ones), Identity(neutral.blend, ones, 1e-6 * ones)):
+        assert np.isfinite(hand.mesh(odd, named_pose("fist"), 1).vertices).all()
+    for length in (0 * ones, -ones):
+        with pytest.raises(InputError, match="positive"):
+            Identity(neutral.blend, length, ones)
+    with pytest.raises(InputError, match="positive"):
+        neutral.scaled(0.0)
+    with pytest.raises(InputError, match="NaN"):
+        Identity(neutral.blend * np.nan, ones, ones)
+
+
 def test_rest_named_pose_is_no_rotation(hand: OpenHand) -> None:
     assert not named_pose("rest").joints.any()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...hand import OpenHand, sample_pose
+from ...hand import hand_model
 from ...light.environment import rotate
 from ...scene import Array, Mesh
 from .configurations import Configuration
@@ -103,6 +103,6 @@ def scalings(scene: Scene, quick: bool, progress: Callable[[], None]) -> list[Sc
 
 def identities(count: int) -> list[Mesh]:
     """Hands of different people in one pose."""
-    hand, rng = OpenHand.load(), np.random.default_rng(1)
-    pose = sample_pose(np.random.default_rng(3), 0.8)
+    hand, rng = hand_model(), np.random.default_rng(1)
+    pose = hand.sample_pose(np.random.default_rng(3), 0.8)
     return [hand.mesh(hand.sample_identity(rng), pose, LEVEL) for _ in range(count)]

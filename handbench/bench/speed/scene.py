@@ -1,4 +1,4 @@
-"""What is drawn: the open hand in a natural pose, a camera, a constant reflectance and a real HDR environment.
+"""What is drawn: the shipped hand in a natural pose, a camera, a constant reflectance and a real HDR environment.
 
 The environment's texels are constant patches of sky, given so to every competitor. Constant reflectance leaves
 only what is measured here, the integral of light: a texture's own resolution would add another error.
@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from ...hand import OpenHand, sample_pose
+from ...hand import hand_model
 from ...light.skybox import skybox
 from ...scene import Array, Camera, Environment, Mesh
 
@@ -74,8 +74,8 @@ def scenes(quick: bool = False) -> tuple[Scene, ...]:
 @cache
 def natural_hand(level: int = LEVEL) -> Mesh:
     """The mean adult's hand, slightly bent, so that fingers cast shadows on each other and on the palm."""
-    hand = OpenHand.load()
-    return hand.mesh(hand.neutral(), sample_pose(np.random.default_rng(3), 0.8), level)
+    hand = hand_model()
+    return hand.mesh(hand.neutral(), hand.sample_pose(np.random.default_rng(3), 0.8), level)
 
 
 def palmar_camera(width: int = 192, height: int = 256) -> Camera:

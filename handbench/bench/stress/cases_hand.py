@@ -1,4 +1,4 @@
-"""The hand model: poses beyond the joints' limits, hands of odd size, gradients where rotations vanish."""
+"""The shipped hand model: poses beyond the joints' limits, odd shapes, gradients where rotations vanish."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ...errors import InputError
-from ...hand import Identity, OpenHand, named_pose, sample_pose
+from ...hand import HandModel, hand_model
 from ...hand.collision import penetration
 from ...hand.skinning import rotation_matrix
 from ...scene import Array, Pose
@@ -26,12 +26,10 @@ def cases() -> Iterator[Case]:
         within = 1e-3 if "turns" in name else 1e-5  # float32 holds an angle of 628 to 3e-5 radians, bone after bone
         yield Case(FAMILY, f"pose {name}", accurate(within), partial(_skinned, joints), "torch float64, same code")
         yield Case(FAMILY, f"gradient, pose {name}", finite(), partial(_gradient, joints))
-    for scale in (1e-3, 1.0, 1e3):
-        yield Case(FAMILY, f"a hand of scale {scale:g}", equal(1e-5), partial(_scaled, scale), "scale 1")
     yield Case(FAMILY, "1 km from the origin", equal(1e-4), _shifted, "at the origin")
     yield Case(FAMILY, "a turn by 2 pi", equal(1e-5), _whole_turn, "no turn")
-    for name, identity in _identities().items():
-        yield Case(FAMILY, f"identity of {name}", finite(), partial(_identity, identity))
+    for name, shape in _shapes().items():
+        yield Case(FAMILY, f"shape of {name}", finite(), partial(_shaped, shape))
     for name, angle in {"0": 0.0, "1e-20": 1e-20, "1e-4": 1e-4, "pi": np.pi, "1e4": 1e4}.items():
         yield Case(
             FAMILY, f"rotation by {name} is orthogonal", equal(1e-5), partial(_orthogonal, angle), "the identity"
@@ -39,14 +37,14 @@ def cases() -> Iterator[Case]:
         yield Case(FAMILY, f"gradient, rotation by {name}", finite(), partial(_rotation_gradient, angle))
     for dtype in (torch.float16, torch.bfloat16):
         name = str(dtype).removeprefix("torch.")
-        yield Case(FAMILY, name, finite_or(InputError), partial(_skin, named_pose("fist").joints, dtype))
+        yield Case(FAMILY, name, finite_or(InputError), partial(_skin, _hand().named_pose("fist").joints, dtype))
     for name, run in _broken().items():
         yield Case(FAMILY, name, refused(InputError), run)
     yield Case(FAMILY, "a fist bent too far runs into itself", equal(), _collides, "penetration")
 
 
-def _hand() -> OpenHand:
-    return OpenHand.load()
+def _hand() -> HandModel:
+    return hand_model()
 
 
 def _skin(joints: Array, dtype: torch.dtype) -> Tensor:
@@ -54,7 +52,7 @@ def _skin(joints: Array, dtype: torch.dtype) -> Tensor:
 
 
 def _poses() -> dict[str, Array]:
-    fist = named_pose("fist").joints
+    fist = _hand().named_pose("fist").joints
     rng = np.random.default_rng(0)
     return {
         "rest": np.zeros_like(fist),
@@ -64,7 +62,7 @@ def _poses() -> dict[str, Array]:
         "all joints by 1e-12": np.full_like(fist, 1e-12),
         "all joints by 100 turns": np.full_like(fist, 200 * np.pi / np.sqrt(3)),
         "random beyond all limits": rng.uniform(-np.pi, np.pi, fist.shape),
-        "sampled": sample_pose(rng).joints,
+        "sampled": _hand().sample_pose(rng).joints,
     }
 
 
@@ -83,36 +81,26 @@ def _gradient(joints: Array) -> tuple[Any, ...]:
     return tuple(value.grad for value in inputs)
 
 
-def _scaled(scale: float) -> Compared:
-    joints = named_pose("fist").joints
-    small = _hand().skin(_hand().neutral().scaled(scale), joints)
-    return Compared(small / scale, _skin(joints, torch.float64), least=0.1)
-
-
 def _shifted() -> Compared:
-    pose = named_pose("fist")
+    pose = _hand().named_pose("fist")
     far = _hand().mesh(_hand().neutral(), Pose(pose.joints, pose.rotation, np.full(3, 1000.0)), level=1)
     return Compared(far.vertices - 1000.0, _hand().mesh(_hand().neutral(), pose, level=1).vertices)
 
 
 def _whole_turn() -> Compared:
-    joints = named_pose("fist").joints
+    joints = _hand().named_pose("fist").joints
     turned = _hand().skin(_hand().neutral(), joints, rotation=(0.0, 2 * np.pi, 0.0))
     return Compared(turned, _skin(joints, torch.float32), least=0.1)
 
 
-def _identities() -> dict[str, Identity]:
-    neutral = _hand().neutral()
-    ones = neutral.bone_length
-    return {
-        "20 standard deviations": Identity(np.full_like(neutral.blend, 20.0), ones, ones),
-        "bones 1000 times as long": Identity(neutral.blend, 1e3 * ones, ones),
-        "bones of no width": Identity(neutral.blend, ones, 1e-6 * ones),
-    }
+def _shapes() -> dict[str, Array]:
+    neutral, rng = np.asarray(_hand().neutral()), np.random.default_rng(6)
+    sampled = np.asarray(_hand().sample_identity(rng))
+    return {"a random adult": sampled, "20 times as far from the mean": neutral + 20.0 * (sampled - neutral)}
 
 
-def _identity(identity: Identity) -> Array:
-    return _hand().mesh(identity, named_pose("fist"), level=1).vertices
+def _shaped(shape: Array) -> Array:
+    return _hand().mesh(shape, _hand().named_pose("fist"), level=1).vertices
 
 
 def _orthogonal(angle: float) -> Compared:
@@ -127,9 +115,8 @@ def _rotation_gradient(angle: float) -> Tensor | None:
 
 
 def _broken() -> dict[str, Callable[[], Any]]:
-    neutral = _hand().neutral()
-    joints = named_pose("fist").joints
-    ones = neutral.bone_length
+    neutral = np.asarray(_hand().neutral())
+    joints = _hand().named_pose("fist").joints
     poisoned = joints.copy()
     poisoned[3, 0] = np.nan
     return {
@@ -138,19 +125,19 @@ def _broken() -> dict[str, Callable[[], Any]]:
         "NaN in skinning": lambda: _skin(poisoned, torch.float32),
         "NaN in skinning as a tensor": lambda: _hand().skin(neutral, torch.tensor(poisoned)),
         "pose of too few joints": lambda: _skin(joints[:-1], torch.float32),
-        "identity with NaN": lambda: Identity(neutral.blend * np.nan, ones, ones),
-        "bones of no length": lambda: Identity(neutral.blend, 0 * ones, ones),
-        "bones of negative length": lambda: Identity(neutral.blend, -ones, ones),
-        "identity scaled by zero": lambda: neutral.scaled(0.0),
-        "identity of too few blend shapes": lambda: _hand().rest(Identity(neutral.blend[:-1], ones, ones)),
+        "shape with NaN": lambda: _hand().rest(neutral * np.nan),
+        "shape with infinity": lambda: _hand().rest(neutral + np.inf),
+        "shape of too few numbers": lambda: _hand().rest(neutral[:-1]),
+        "no shape": lambda: _hand().rest(neutral[:0]),
         "level 5": lambda: _hand().topology(5),
         "level -1": lambda: _hand().topology(-1),
-        "unknown pose": lambda: named_pose("fits"),
-        "pose sampled 2 times as strong": lambda: sample_pose(np.random.default_rng(0), 2.0),
+        "unknown pose": lambda: _hand().named_pose("fits"),
+        "pose sampled 2 times as strong": lambda: _hand().sample_pose(np.random.default_rng(0), 2.0),
     }
 
 
 def _collides() -> Compared:
     """The named fist is free; bent twice as far it is not."""
-    free = [penetration(_hand(), _skin(k * named_pose("fist").joints, torch.float64).numpy()).free for k in (1.0, 2.0)]
+    fist = _hand().named_pose("fist").joints
+    free = [penetration(_hand(), _skin(k * fist, torch.float64).numpy()).free for k in (1.0, 2.0)]
     return Compared(free, [True, False])

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter
 
 from ...errors import HandbenchError, InputError, NonFinite, Unsupported
-from ...hand import OpenHand
+from ...hand import hand_of
 from ...light.stage import stage_directions
 from ...method import Recording
 from ...registry import METHODS
@@ -200,13 +200,10 @@ def _resized(query: Query, scale: float) -> Query:
 
 def _bent(query: Query, factor: float) -> Query:
     """The neutral hand in the query's pose bent by a factor, over the capture's topology."""
-    model = OpenHand.load()
+    model, level = hand_of(query.mesh.topology)
     pose = replace(query.pose, joints=query.pose.joints * factor)
-    for level in range(3):
-        mesh = model.mesh(model.neutral(), pose, level)
-        if mesh.vertices.shape == query.mesh.vertices.shape:
-            return replace(_of_mesh(query, Mesh(mesh.vertices, query.mesh.topology)), pose=pose)
-    raise InputError("stress: the shipped capture is not of the open hand at levels 0 to 2; adapt its cases")
+    mesh = model.mesh(model.neutral(), pose, level)
+    return replace(_of_mesh(query, Mesh(mesh.vertices, query.mesh.topology)), pose=pose)
 
 
 def _shifted(name: str, distance: float) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...hand import OpenHand, named_pose
+from ...hand import hand_model
 from ...light.lightset import LightSet
 from ...render.atlas import Atlas
 from ...scene import Array, Camera, Mesh, Pose, Topology
@@ -97,9 +97,9 @@ def globe(rows: int = 16, columns: int = 32) -> Mesh:
 
 @cache
 def hand(pose: str = "open", bend: float = 1.0) -> Mesh:
-    """The neutral open hand, its named pose bent by a factor."""
-    posed = Pose(bend * named_pose(pose).joints)
-    return OpenHand.load().mesh(OpenHand.load().neutral(), posed, level=1)
+    """The neutral shipped hand, its named pose bent by a factor."""
+    model = hand_model()
+    return model.mesh(model.neutral(), Pose(bend * model.named_pose(pose).joints), level=1)
 
 
 @cache
