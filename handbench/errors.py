@@ -5,6 +5,7 @@ HandbenchError          anything the command line reports without a traceback (e
 │   └── Absent              a file that is to be read is not there
 ├── Unsupported         a method cannot do what a protocol asks (shown in the table with its reason)
 ├── NonFinite           a computation produced NaN or infinity
+├── Changed             a method changed what it was given
 └── StorageError        the disk is full, or a folder cannot be written
 """
 
@@ -34,6 +35,10 @@ class Unsupported(HandbenchError):
 
 class NonFinite(HandbenchError, ArithmeticError):
     """A computation produced NaN or infinity."""
+
+
+class Changed(HandbenchError):
+    """A method changed what it was given, so what it answers is not what it was asked; the text says what."""
 
 
 class StorageError(HandbenchError, OSError):

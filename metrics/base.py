@@ -224,7 +224,7 @@ def _drawn(found: Any, what: str) -> NDArray[Any]:
         return found
     try:
         drawn = np.asarray(found, np.float64)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         trouble = " ".join(f"{type(error).__name__}: {error}".split())
         raise Unsupported(f"the method's {what} could not be drawn: {trouble}") from error
     if drawn.shape != found.shape:

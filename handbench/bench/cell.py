@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from statistics import median
 from types import ModuleType
@@ -14,14 +14,16 @@ from typing import Any
 import numpy as np
 
 from ..data.capture import Capture
-from ..errors import HandbenchError, StorageError, Unsupported
+from ..errors import Changed, HandbenchError, StorageError, Unsupported
 from ..method import Avatar, Method, MethodInfo, PosedAvatar, Progress, RecordedAvatar
 from ..recording import Recording
 from ..scene import Frame, Light, Observation, Prediction, kind_of, leaves
 from ..skips import tallied
 from . import given
 from .failure import Failure, failure
+from .isolation import isolated
 from .laws import measured
+from .lending import Lender, answered, copied
 from .plan import Cell
 from .priors import Curve, Priors
 from .protocol import Protocol, Selected
@@ -32,15 +34,19 @@ _REPEATS = 4  # queries of each kind of frame that are drawn a second time, pose
 
 
 class CaptureReader:
-    """Reads a capture for methods and remembers its errors: damaged data is the user's to mend, no method's failure."""
+    """Reads a capture for methods and remembers its errors: damaged data is the user's to mend, no method's failure.
+
+    Frames are looked up by their keys, and images are copies: what a method does to either reaches nobody else.
+    """
 
     def __init__(self, capture: Capture) -> None:
         self._capture = capture
+        self._frames = {frame.key: frame for frame in capture.frames()}
         self.error: HandbenchError | None = None
 
     def __call__(self, frame: Frame) -> Observation:
         try:
-            return self._capture.observe(frame)
+            return copied(self._capture.observe(self._frames.get(frame.key, frame)))
         except HandbenchError as error:
             self.error = error
             raise
@@ -57,6 +63,7 @@ class Bench:
     priors: Priors
     metrics: dict[str, Any]
     metrics_module: ModuleType
+    lender: Lender = field(default_factory=Lender)
 
     def scored(self, subject: str) -> list[tuple[str, Frame]]:
         """Column and frame of everything scored for a subject, equal poses side by side."""
@@ -76,10 +83,16 @@ def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Pro
     Whatever the method raises becomes the reason of its scores. What is not its fault is raised: `StorageError`
     for the disk, `InputError` for a damaged capture.
     """
-    found, laws = _compute(bench, cell, method, steps)
-    start = time.perf_counter()
-    found["laws"] = laws()
-    found["times"]["laws_s"] = time.perf_counter() - start
+    with isolated():
+        lent = replace(bench, selected=bench.lender.lend(bench.selected, cell.method))
+        found, laws = _compute(lent, cell, method, steps)
+        start = time.perf_counter()
+        found["laws"] = laws()
+        found["times"]["laws_s"] = time.perf_counter() - start
+    try:
+        bench.lender.check()
+    except Changed as error:
+        found |= _failed(bench, bench.scored(cell.subject), failure(error))
     if not method.info.timed:
         found["times"] |= {"train_s": None, "personalise_s": None, "new_pose_ms": {}, "known_pose_ms": {}}
     return found
@@ -101,19 +114,17 @@ def _compute(
     }
     try:
         training = steps(f"{cell.method} seed {cell.seed}: train")
-        prior, times["train_s"] = bench.priors.get(cell.prior, method, bench.training, cell.seed, training)
+        prior, times["train_s"] = bench.priors.get(
+            cell.prior, method, bench.training, cell.seed, training, bench.lender.check
+        )
         enrolment = bench.enrolment(cell.subject, method)
         curve = Curve(steps(f"{label}: personalise"))
         start = time.perf_counter()
         with bench.store.checkpoints(cell.key) as state:
             avatar = prior.personalise(enrolment, cell.seed, curve)
         times["personalise_s"] = time.perf_counter() - start + state.earlier_s
-    except Exception as error:
-        failed = blame(error, bench.reader)
-        scores = [score for column, frame in scored for score in _missing(bench, column, frame, failed)]
-        told = {"times": times, "scores": scores, "same_pixels": None, "predictions": None, "error": failed.trace}
-        told["skipped"] = {}
-        return told, dict
+    except BaseException as error:
+        return {"times": times, "skipped": {}, **_failed(bench, scored, blame(error, bench.reader))}, dict
     # Of drawing alone: what of a training falls to which cell depends on when a run was stopped.
     with tallied() as tally:
         result, laws = _relight(bench, cell, method.info, avatar, scored, times, steps(f"{label}: relight"))
@@ -160,7 +171,7 @@ class _Drawing:
             self._key, times = frame.viewpoint.key, self.new_pose_ms
             try:
                 self._posed = self._avatar.pose(frame.viewpoint)
-            except Exception as error:  # for all lights of the viewpoint
+            except BaseException as error:  # for all lights of the viewpoint
                 self._posed = blame(error, self._reader)
         if isinstance(self._posed, Failure):
             return self._posed
@@ -180,9 +191,9 @@ class _Drawing:
             size, wanted = answer.alpha.shape, (frame.camera.height, frame.camera.width)
             if size != wanted:
                 raise Unsupported(f"the picture is {size[1]}x{size[0]}, its camera says {wanted[1]}x{wanted[0]}")
-        except Exception as error:
+        except BaseException as error:
             return blame(error, self._reader)
-        return answer
+        return answered(answer)
 
 
 def light_refusal(info: MethodInfo, light: Light) -> str | None:
@@ -270,8 +281,8 @@ def _keep(store: Store, key: str, drawn: Iterable[tuple[Frame, Prediction]]) -> 
     return next(filter(None, folders), None)
 
 
-def blame(error: Exception, reader: CaptureReader) -> Failure:
-    """The failure of a method, unless the disk or the capture is at fault: then that error is raised."""
+def blame(error: BaseException, reader: CaptureReader) -> Failure:
+    """The failure of a method, unless the disk, the capture or the user caused it: then that error is raised."""
     if isinstance(error, StorageError):
         raise error
     if reader.error is not None:
@@ -297,6 +308,12 @@ def _score(bench: Bench, drawn: Iterable[tuple[Frame, Prediction]]) -> dict[str,
         for signature, score in zip(bench.metrics, row, strict=True):
             scores[frame.key].append(_entry("", frame, signature, score.value, score.reason))
     return scores
+
+
+def _failed(bench: Bench, scored: list[tuple[str, Frame]], failed: Failure) -> dict[str, Any]:
+    """What a cell without any score tells."""
+    scores = [score for column, frame in scored for score in _missing(bench, column, frame, failed)]
+    return {"scores": scores, "same_pixels": None, "predictions": None, "error": failed.trace, "laws": {}}
 
 
 def _missing(bench: Bench, column: str, frame: Frame, failed: Failure) -> list[dict[str, Any]]:

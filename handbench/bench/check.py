@@ -13,14 +13,16 @@ from typing import TypeAlias
 import numpy as np
 
 from ..data.capture import Capture
-from ..errors import HandbenchError, NonFinite, Unsupported
+from ..errors import Changed, HandbenchError, NonFinite, Unsupported
 from ..method import Avatar, Method, PosedAvatar, Prior, RecordedAvatar
 from ..registry import CAPTURES, METHODS
 from ..scene import Frame, Observation, Prediction, Query, Viewpoint
 from . import given
 from .cell import CaptureReader, blame, light_refusal
+from .isolation import isolated
 from .laws import LINEAR, deviation, deviations, drawing
-from .plan import check_preset
+from .lending import Lender, answered
+from .plan import check_preset, make_method
 from .progress import steps
 from .protocol import Protocol, Selected, resolve
 
@@ -44,7 +46,7 @@ def check(name: str, protocol: Protocol, preset: str | None = None, data: Path |
     Raises `InputError` for an unknown method, a protocol that does not fit its capture, and a damaged capture.
     """
     check_preset((METHODS.entry(name),), preset)
-    method = METHODS.load(name)(preset=preset or protocol.preset_of(name))
+    method = make_method(METHODS.entry(name), preset or protocol.preset_of(name))
     source = CAPTURES.load(protocol.capture)
     with steps() as told:
         progress = told(f"capture {protocol.capture} {protocol.size}")
@@ -54,11 +56,14 @@ def check(name: str, protocol: Protocol, preset: str | None = None, data: Path |
 
 def check_method(method: Method, protocol: Protocol, capture: Capture) -> list[Verdict]:
     """`check` for a method and a capture in hand."""
-    selected = resolve(protocol, capture.frames())
-    reader = CaptureReader(capture)
+    with isolated():
+        return _tried(method, protocol, resolve(protocol, capture.frames()), CaptureReader(capture))
+
+
+def _tried(method: Method, protocol: Protocol, selected: Selected, reader: CaptureReader) -> list[Verdict]:
     try:
         trial = _Trial(method, protocol, selected, reader)
-    except Exception as error:
+    except BaseException as error:
         return [Verdict("trains and personalises", False, blame(error, reader).reason)]
     laws: dict[str, Callable[[], Verdict]] = {
         "finite": trial.finite,
@@ -72,7 +77,7 @@ def check_method(method: Method, protocol: Protocol, capture: Capture) -> list[V
     for law, tried in laws.items():
         try:
             verdicts.append(tried())
-        except Exception as error:
+        except BaseException as error:
             verdicts.append(Verdict(law, False, blame(error, reader).reason))
     return verdicts
 
@@ -110,11 +115,11 @@ class _Trial:
     def __init__(self, method: Method, protocol: Protocol, selected: Selected, reader: CaptureReader) -> None:
         self.method = method
         self.protocol = protocol
-        self.selected = selected
+        self.lender = Lender()
+        self.selected = self.lender.lend(selected, method.info.name)
         self.watched = _Watched(reader)
         scored = {frame.key: frame for frames in self.selected.scored.values() for frame in frames}
         self.queries = [frame.query for frame in scored.values()]
-        self.before = pickle.dumps(self.queries)
         self.prior = self._train()
         self.avatars = self._avatars(self.prior)
         self.answers = self._answers(self.avatars)
@@ -139,7 +144,7 @@ class _Trial:
             try:
                 if refusal := light_refusal(self.method.info, query.light):
                     raise Unsupported(refusal)
-                answers[query.key] = avatars[query.subject].relight(query)
+                answers[query.key] = answered(avatars[query.subject].relight(query))
             except (Unsupported, NonFinite) as error:
                 answers[query.key] = error
         return answers
@@ -157,8 +162,10 @@ class _Trial:
 
     def no_mutation(self) -> Verdict:
         repeated = self._answers(self.avatars)
-        if pickle.dumps(self.queries) != self.before:
-            return Verdict("no mutation", False, "a query was changed by relight")
+        try:
+            self.lender.check()
+        except Changed as error:
+            return Verdict("no mutation", False, f"{error} was changed")
         if changed := self.watched.changed():
             return Verdict("no mutation", False, f"the images of {changed[0]} were changed")
         return _equal("no mutation", "asked again", self.answers, repeated)
@@ -172,7 +179,7 @@ class _Trial:
                 return Verdict("no memory", None, "its pictures are recorded, it poses nothing")
             posed = avatar.pose(queries[0].viewpoint)
             for query in (*queries, queries[0]):
-                found[query.key] = posed.relight(query.light)
+                found[query.key] = answered(posed.relight(query.light))
         if not found:
             return Verdict("no memory", None, "no pose and camera has two lights that could be drawn")
         return _equal("no memory", "under light after light", {key: self.answers[key] for key in found}, found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from dataclasses import dataclass
 
-from ..errors import HandbenchError, NonFinite, Unsupported
+from ..errors import Changed, HandbenchError, NonFinite, Unsupported
 
 
 @dataclass(frozen=True)
@@ -16,8 +16,13 @@ class Failure:
     trace: str | None
 
 
-def failure(error: Exception) -> Failure:
-    """Describe an exception of a method. What a method cannot do is final; a crash is worth another try."""
+def failure(error: BaseException) -> Failure:
+    """Describe an exception of a method. What a method cannot do is final; a crash is worth another try.
+
+    A method that ends the process (`sys.exit`) has crashed. Raises `KeyboardInterrupt` again: that was the user.
+    """
+    if isinstance(error, KeyboardInterrupt):
+        raise error
     if isinstance(error, Unsupported):
         return Failure(f"unsupported: {error}", None)
     if isinstance(error, NonFinite):
@@ -26,6 +31,8 @@ def failure(error: Exception) -> Failure:
     if isinstance(error, MemoryError) or "out of memory" in str(error) or "not enough memory" in str(error):
         return Failure("out of memory", trace)
     text = " ".join(str(error).split())
+    if isinstance(error, Changed):
+        return Failure(f"changed what it was given: {text}", trace)
     if isinstance(error, HandbenchError):
         return Failure(f"failed: {text}", trace)
     return Failure(f"crashed: {type(error).__name__}{': ' if text else ''}{text[:200]}", trace)

@@ -76,7 +76,9 @@ def measured(avatar: Avatar, frames: Sequence[Frame], query: Query) -> dict[str,
     for one, other in pairs_of(frames, zlib.crc32(query.key.encode())):
         try:
             found.append(deviations(draw, one, other))
-        except Exception as error:  # the scores tell of a method that fails; here only that a pair is missing
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # the scores tell of a method that fails; here only that a pair is missing
             reason = " ".join(f"{type(error).__name__}: {error}".split())
     worst = {f.name: max((getattr(d, f.name) for d in found), default=np.inf) for f in fields(Deviations)}
     values = {name: value if np.isfinite(value) else None for name, value in worst.items()}

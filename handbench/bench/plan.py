@@ -30,6 +30,7 @@ from .. import __version__
 from ..errors import HandbenchError, InputError
 from ..method import Method
 from ..registry import METHODS, METRICS, Entry
+from .isolation import isolated
 from .protocol import Protocol, digest
 from .source import source_digests
 
@@ -124,10 +125,11 @@ def check_preset(entries: Sequence[Entry], preset: str | None) -> None:
 def make_method(entry: Entry, preset: str) -> Method:
     """The method of a plug-in with a preset. Raises `InputError` for an unknown preset and for a broken plug-in."""
     try:
-        method = entry.load()(preset=preset)
+        with isolated(loading=True):
+            method = entry.load()(preset=preset)
     except HandbenchError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(f"plug-in {entry.name!r} at {entry.target!r} fails ({text}); mend it") from error
     if not isinstance(method, Method):

@@ -22,28 +22,44 @@ class Priors:
     def __init__(self, store: Store) -> None:
         self._store = store
         self._key = ""
-        self._last: tuple[Prior, float] | Exception
+        self._last: tuple[Prior, float] | BaseException
 
     def get(
-        self, key: str, method: Method, recording: Callable[[], Recording], seed: int, progress: Progress
+        self,
+        key: str,
+        method: Method,
+        recording: Callable[[], Recording],
+        seed: int,
+        progress: Progress,
+        check: Callable[[], None],
     ) -> tuple[Prior, float]:
         """The prior and the seconds its training took. A training that failed is not tried again for the next subject.
+
+        `check` is called between a training and keeping what it learned, and raises if that must not be kept.
 
         A prior is always read back from disk, also by the run that trained it, so that a resumed run and an
         uninterrupted one score the same thing.
         """
         if self._key != key:
             try:
-                self._last = self._find(key, method, recording, seed, progress)
-            except Exception as error:
+                self._last = self._find(key, method, recording, seed, progress, check)
+            except KeyboardInterrupt:
+                raise
+            except BaseException as error:
                 self._last = error
             self._key = key
-        if isinstance(self._last, Exception):
+        if isinstance(self._last, BaseException):
             raise self._last
         return self._last
 
     def _find(
-        self, key: str, method: Method, recording: Callable[[], Recording], seed: int, progress: Progress
+        self,
+        key: str,
+        method: Method,
+        recording: Callable[[], Recording],
+        seed: int,
+        progress: Progress,
+        check: Callable[[], None],
     ) -> tuple[Prior, float]:
         kept = self._store.prior(key)
         if kept is not None:
@@ -58,6 +74,7 @@ class Priors:
             # shadows kept on disk are not for relighting: its times must not depend on them
             with kept_on_disk(default_folder(), _SHADOW_BYTES), self._store.checkpoints(key) as state:
                 prior = method.train(recording(), seed, curve)
+            check()
             about["train_s"] = time.perf_counter() - start + state.earlier_s
             about["curve"] = curve.points()
             with writing(folder):

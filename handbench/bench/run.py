@@ -74,7 +74,9 @@ def run(
     """
     names = tuple(dict.fromkeys(default_methods(protocol, extra) if methods is None else methods))
     folder, chosen = out or Path("runs") / protocol.name, None if seeds is None else tuple(seeds)
-    job = Job(protocol, names, chosen, preset, folder, data, tuple(command), tuple(extra))
+    # Absolute: a method may change the working directory.
+    places = folder.absolute(), data and data.absolute()
+    job = Job(protocol, names, chosen, preset, *places, tuple(command), tuple(extra))
     _check_executor(executor, cpus)
     check_preset(tuple(job.entries.values()), preset)
     # What is mistyped is told before a capture is generated; what this folder has run before is not loaded to know.
@@ -92,10 +94,12 @@ def run(
             _announce(site, shard)
             done = _execute(site, missing, told, executor, cpus)
             job.store.sweep()  # of those that were killed meanwhile
-    return _outcome(job.store, plan, cells, missing, done)
+    return _outcome(folder, job.store, plan, cells, missing, done)
 
 
-def _outcome(store: Store, plan: Plan, cells: Sequence[Cell], tried: Sequence[Cell], done: Done) -> Outcome:
+def _outcome(
+    folder: Path, store: Store, plan: Plan, cells: Sequence[Cell], tried: Sequence[Cell], done: Done
+) -> Outcome:
     crashed = []
     for cell in tried:
         found = store.cell(cell.key)
@@ -105,7 +109,7 @@ def _outcome(store: Store, plan: Plan, cells: Sequence[Cell], tried: Sequence[Ce
     elsewhere = set(plan.cells) - set(cells)
     missing = [cell.label for cell in plan.cells if cell in elsewhere and store.cell(cell.key) is None]
     reused = len(cells) - done.computed - len(done.lost)
-    return Outcome(store.folder, done.computed, reused, tuple(crashed), tuple(missing))
+    return Outcome(folder, done.computed, reused, tuple(crashed), tuple(missing))
 
 
 def _check_executor(name: str, cpus: int | None) -> None:

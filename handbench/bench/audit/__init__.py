@@ -54,6 +54,6 @@ def _tried(name: str, check: Check, evidence: Evidence) -> Verdict:
     """The verdict of a check. One that crashes, for example over a damaged file, does not hold, and says why."""
     try:
         holds, detail = check(evidence)
-    except Exception as error:
+    except BaseException as error:
         return Verdict(name, False, failure(error).reason)
     return Verdict(name, holds, detail)

@@ -98,7 +98,7 @@ def observe(expected: Expected, run: Callable[[], Any]) -> Outcome:
         if not text or "\n" in text or len(text) > LONGEST:
             return Outcome(f"{type(error).__name__} without one clear sentence: {_line(text)}", None, False)
         return Outcome(f"{type(error).__name__}: {text}", None, isinstance(error, expected.errors))
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return Outcome(f"raised {type(error).__name__}: {_line(str(error))}", None, False)
     return _judge(expected, answer)
 

@@ -57,16 +57,16 @@ def smallest(name: str) -> Method:
 def trained_method(name: str) -> Trained:
     """The method, trained once; an error of its training is raised again for every case."""
     trained = _tried(name)
-    if isinstance(trained, Exception):
+    if isinstance(trained, BaseException):
         raise trained
     return trained
 
 
 @cache
-def _tried(name: str) -> Trained | Exception:
+def _tried(name: str) -> Trained | BaseException:
     try:
         return _train(name)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return error
 
 

@@ -1,0 +1,107 @@
+"""A method is handed copies of its own, which are compared with the originals when it is done.
+
+numpy's read-only flag holds nobody back: `torch.from_numpy` writes through it. So no method gets an array that another
+one sees, and one that changes what it was given fails by name, since its own answers are no longer to the question.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, TypeVar, get_args
+
+import numpy as np
+
+from ..errors import Changed
+from ..scene import Array, Frame, Light, Prediction
+from .protocol import Selected
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class _Lent:
+    """An array and its copy: `owner` is what it belongs to, and `where` the first frame that has it."""
+
+    original: Array
+    copy: Array
+    owner: str
+    where: str
+
+
+class Lender:
+    """Lends the frames of a run, to one method after the other.
+
+    All cells of a method get the same copies, in which frames share meshes, lights and topologies as the originals do:
+    what a method works out of a mesh or a topology, it works out once.
+    """
+
+    def __init__(self) -> None:
+        self._for: tuple[Selected, str] | None = None
+        self._copies: Selected
+        self._lent: list[_Lent] = []
+
+    def lend(self, selected: Selected, borrower: str) -> Selected:
+        """The frames as copies that the borrower alone has."""
+        if self._for is None or self._for[0] is not selected or self._for[1] != borrower:
+            copier = _Copier()
+            train, enrol = copier.frames(selected.train), copier.frames(selected.enrol)
+            scored = {column: copier.frames(frames) for column, frames in selected.scored.items()}
+            self._copies = replace(selected, train=train, enrol=enrol, scored=scored)
+            self._lent, self._for = copier.lent, (selected, borrower)
+        return self._copies
+
+    def check(self) -> None:
+        """Raise `Changed` if the borrower changed anything; the next cell then gets new copies."""
+        for lent in self._lent:
+            if not np.array_equal(lent.original, lent.copy):
+                self._for = None
+                raise Changed(f"the {lent.owner} of {lent.where}")
+
+
+def copied(value: T) -> T:
+    """A value of the scene with arrays of its own."""
+    made: T = _Copier().of(value, "")
+    return made
+
+
+def answered(prediction: Prediction) -> Prediction:
+    """An answer that stays what it is when the method draws the next one into the same arrays."""
+    arrays = {f.name: v.copy() for f in fields(prediction) if isinstance(v := getattr(prediction, f.name), np.ndarray)}
+    return replace(prediction, **arrays)
+
+
+def _named(kind: type) -> str:
+    return "light" if kind in get_args(Light) else kind.__name__.lower()
+
+
+class _Copier:
+    """Copies dataclasses and tuples of them; what they share is copied once."""
+
+    def __init__(self) -> None:
+        self.lent: list[_Lent] = []
+        self._made: dict[int, tuple[Any, Any]] = {}  # by identity, beside the original, which must live as long
+
+    def frames(self, frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
+        return tuple(self.of(frame, frame.key) for frame in frames)
+
+    def of(self, value: Any, where: str, owner: str = "") -> Any:
+        """The copy of a value that was found in the frame `where`, in a dataclass called `owner`."""
+        if not isinstance(value, (np.ndarray, tuple)) and not is_dataclass(value):
+            return value
+        if id(value) not in self._made:
+            self._made[id(value)] = value, self._copy(value, where, owner)
+        return self._made[id(value)][1]
+
+    def _copy(self, value: Any, where: str, owner: str) -> Any:
+        if isinstance(value, tuple):
+            return tuple(self.of(item, where, owner) for item in value)
+        if isinstance(value, np.ndarray):
+            made = value.copy()
+            made.flags.writeable = False
+            self.lent.append(_Lent(value, made, owner, where))
+            return made
+        twin = object.__new__(type(value))  # what was validated once is not validated again
+        for field in fields(value):
+            inner = self.of(getattr(value, field.name), where, _named(type(value)))
+            object.__setattr__(twin, field.name, inner)
+        return twin
