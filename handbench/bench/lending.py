@@ -12,6 +12,7 @@ from typing import Any, TypeVar, get_args
 import numpy as np
 
 from ..errors import Changed
+from ..render.atlas import forget as forget_atlases
 from ..scene import Array, Frame, Light, Prediction
 from .protocol import Selected
 
@@ -43,6 +44,7 @@ class Lender:
     def lend(self, selected: Selected, borrower: str) -> Selected:
         """The frames as copies that the borrower alone has."""
         if self._for is None or self._for[0] is not selected or self._for[1] != borrower:
+            forget_atlases()  # they may be of what was changed, and the last borrower had them in hand
             copier = _Copier()
             train, enrol = copier.frames(selected.train), copier.frames(selected.enrol)
             scored = {column: copier.frames(frames) for column, frames in selected.scored.items()}
@@ -101,7 +103,6 @@ class _Copier:
             self.lent.append(_Lent(value, made, owner, where))
             return made
         twin = object.__new__(type(value))  # what was validated once is not validated again
-        for field in fields(value):
-            inner = self.of(getattr(value, field.name), where, _named(type(value)))
-            object.__setattr__(twin, field.name, inner)
+        for name, item in vars(value).items():
+            object.__setattr__(twin, name, self.of(item, where, _named(type(value))))
         return twin

@@ -159,6 +159,12 @@ class Atlas:
         return sources[self.texels]
 
 
+def forget() -> None:
+    """Let go of the atlases that are kept."""
+    with _lock:
+        _recent.clear()
+
+
 def _select(values: Tensor, index: Tensor) -> Tensor:
     """Values (..., S) at an index (N,) of their last axis, as a matrix: index_select is 20 times slower else."""
     return values.reshape(-1, values.shape[-1]).index_select(1, index).reshape(*values.shape[:-1], len(index))

@@ -20,6 +20,8 @@ from handbench.bench.lending import Lender
 from handbench.bench.protocol import resolve
 from handbench.bench.run import run
 from handbench.bench.store import Store
+from handbench.errors import Changed, InputError
+from handbench.render.atlas import Atlas
 from handbench.scene import Environment, Light, Viewpoint, leaves
 
 ROGUE = "toy-lossy"
@@ -264,3 +266,22 @@ def test_writing_through_the_flag_is_real():
     array.flags.writeable = False
     spoil(array)
     assert array.tolist() == [1, 1, 1]
+
+
+def test_what_is_kept_of_a_topology_is_not_handed_on(fakes, toy_protocol):
+    selected = resolve(toy_protocol(), fakes.ToyCapture().frames())
+    truth = Atlas(selected.train[0].mesh.topology, 8)
+    lender = Lender()
+    spoilt = lender.lend(selected, "one").train[0].mesh.topology
+    spoil(spoilt.uvs)
+    with pytest.raises(InputError, match="no texel"):
+        Atlas.of(spoilt, 8)
+    torch.from_numpy(spoilt.uvs).mul_(0.5)
+    Atlas.of(spoilt, 8)
+    with pytest.raises(Changed, match="the topology of s01/pose-0"):
+        lender.check()
+    mine = Atlas.of(lender.lend(selected, "one").train[0].mesh.topology, 8)
+    assert np.array_equal(mine.barycentric, truth.barycentric)
+    mine.barycentric[:] = 0.0
+    theirs = Atlas.of(lender.lend(selected, "other").train[0].mesh.topology, 8)
+    assert np.array_equal(theirs.barycentric, truth.barycentric)
