@@ -21,10 +21,10 @@ from torch import Tensor
 from torch.nn.functional import conv2d, max_pool2d
 
 from handbench.memory import keep_freed_memory
-from handbench.metrics import Metric, Pair, metric, scores, srgb
+from handbench.metrics import Looks, Metric, Pair, metric, scores
 from handbench.metrics.networks import SCALE, SHIFT, STAGES, weights
-from handbench.metrics.view import look
 from handbench.registry import CAPTURES
+from handbench.scene.colour import srgb
 
 from .measure import Measurement, summary
 
@@ -59,7 +59,7 @@ def _scoring(framing: str, size: float) -> list[Measurement]:
         times.timed("usual", partial(_values, metrics["usual"], pairs))
         times.timed("usual again", partial(_values, metrics["usual"], pairs))
         off = max(off, float(np.abs(np.array(expected) - np.array(rows)).max()))
-        boxes += [look(pair, metrics["usual"][-1].options).support.size / pair.mask.size for pair in pairs]
+        boxes += [Looks(pair).view(metrics["usual"][-1].options).support.size / pair.mask.size for pair in pairs]
     what = f"scoring {COUNT} pictures, {framing}"
     return [
         summary(f"{what}: the hand's box, share of the picture", "", boxes),

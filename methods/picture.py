@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from handbench.errors import NonFinite
 from handbench.render.raster import Raster
 from handbench.scene import Array, Prediction
-
-_KNEE = 0.0031308  # where sRGB turns from a line into a power (IEC 61966-2-1)
 
 
 def prediction(raster: Raster, texture: Tensor) -> Prediction:
@@ -32,10 +29,3 @@ class _Drawn:
 
     def __array__(self, dtype: np.dtype | None = None, copy: bool | None = None) -> Array:
         return np.array(getattr(self._raster, self._name), dtype=dtype, copy=copy)
-
-
-def display(radiance: Tensor) -> Tensor:
-    """sRGB display values of linear radiance, unclipped: losses weigh differences as the eye and the metrics do."""
-    low = 12.92 * radiance
-    high = 1.055 * radiance.clamp_min(_KNEE) ** (1.0 / 2.4) - 0.055
-    return torch.where(radiance <= _KNEE, low, high)

@@ -13,7 +13,7 @@ from handbench.registry import Entry
 from .base import AnyFamily, Family, Metric, PairFamily, Score, from_signature, metric, scores
 from .compat import ENTRIES as COMPATIBILITY
 from .pair import Pair
-from .view import Looks, View, srgb
+from .view import Looks, View
 
 __all__ = [
     "ENTRIES",
@@ -28,7 +28,6 @@ __all__ = [
     "from_signature",
     "metric",
     "scores",
-    "srgb",
 ]
 
 ENTRIES: tuple[Entry, ...] = (

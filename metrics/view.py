@@ -17,12 +17,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from handbench.errors import Unsupported
+from handbench.scene.colour import srgb
 
 from .pair import Pair
 
@@ -125,22 +126,6 @@ class Looks:
         for image in (prediction, truth):
             image.flags.writeable = False
         return prediction, truth
-
-
-def look(pair: Pair, options: Mapping[str, str], context: int = 0, least: int = 1) -> View:
-    """The one view of a pair, see `Looks.view`."""
-    return Looks(pair).view(options, context, least)
-
-
-def srgb(linear: NDArray[Any]) -> NDArray[Any]:
-    """Linear Rec. 709 values, any shape, clipped to [0, 1] and encoded for display (IEC 61966-2-1)."""
-    x = np.clip(linear, 0.0, 1.0)
-    bright = x > 0.0031308
-    shown = 12.92 * x
-    np.power(x, 1 / 2.4, out=shown, where=bright)
-    np.multiply(shown, 1.055, out=shown, where=bright)
-    np.subtract(shown, 0.055, out=shown, where=bright)
-    return shown
 
 
 def _grown(box: Box, margin: int, least: int, shape: tuple[int, ...]) -> Box:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from handbench.errors import InputError
-from handbench.metrics import srgb
 from handbench.scene import Array
+from handbench.scene.colour import srgb
 
 from .run import Run
 from .truth import prediction

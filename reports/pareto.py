@@ -24,7 +24,7 @@ TIMES = {
 }
 WIDTH, HEIGHT = 360, 240  # of a drawing
 FRAME = Box(46, 18, 348, 202)  # the plot in it
-_ROOM = 1.35  # how far the time axis goes beyond the points, as a factor
+_MARGIN = 1.35  # how far the time axis goes beyond the points, as a factor
 _ROOM = 1.1  # of the widths of two times beside each other
 _STEPS = ((1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8), (1, 1.5, 2, 3, 5, 7), (1, 2, 5), (1, 3), (1,))
 Kind = Literal["front", "beaten", "gap", "calibration"]
@@ -102,7 +102,7 @@ def draw(plot: Plot) -> Drawing:
     """The plot laid out in a box of `WIDTH` by `HEIGHT`, its frame at `FRAME`."""
     low, high = _span(plot)
     first, last = (math.log10(f(p.seconds for p in plot.points)) for f in (min, max))
-    first, last = first - math.log10(_ROOM), last + math.log10(_ROOM)
+    first, last = first - math.log10(_MARGIN), last + math.log10(_MARGIN)
 
     def x(value: float) -> float:
         return FRAME.left + (math.log10(value) - first) / (last - first) * (FRAME.right - FRAME.left)

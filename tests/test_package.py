@@ -135,3 +135,13 @@ def test_every_requirement_is_pinned() -> None:
         if requirement.marker is None or requirement.marker.evaluate({"sys_platform": "linux"}):
             version = pins.get(requirement.name.lower().replace("_", "-"))
             assert version is not None and requirement.specifier.contains(version), text
+
+
+def test_no_module_binds_a_name_twice() -> None:
+    """The second value would silently replace the first; linters do not see it."""
+    for path in (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")):
+        bound: list[str] = []
+        for line in ast.parse(path.read_text(encoding="utf-8")).body:
+            targets = line.targets if isinstance(line, ast.Assign) else []
+            bound += [target.id for target in targets if isinstance(target, ast.Name)]
+        assert len(bound) == len(set(bound)), f"{path.relative_to(ROOT)}: {sorted(bound)}"

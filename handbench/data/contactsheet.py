@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from ..files import whole
-from ..scene import FRAME_KINDS, Array, Directional, Frame
+from ..scene import FRAME_KINDS, Directional, Frame
+from ..scene.colour import eight_bit
 from .capture import Capture
 
 _MARGIN, _LABEL, _GAP = 64, 20, 3
@@ -51,7 +51,7 @@ def contact_sheet(capture: Capture, cell_height: int = 112) -> Image.Image:
             choices = table.get((subject, name, pose, kind))
             if choices:
                 frame = _shown(choices, i // len(cameras), j)
-                picture = Image.fromarray(to_display(capture.observe(frame).image)).resize(
+                picture = Image.fromarray(eight_bit(capture.observe(frame).image)).resize(
                     size, Image.Resampling.LANCZOS
                 )
                 sheet.paste(picture, (_MARGIN + j * (size[0] + _GAP), y))
@@ -69,13 +69,6 @@ def _shown(frames: Sequence[Frame], row: int, column: int) -> Frame:
 
 def _segment(frames: Sequence[Frame], pose: str) -> str:
     return next(frame.segment for frame in frames if frame.pose_name == pose)
-
-
-def to_display(image: Array) -> Array:
-    """Linear (H, W, 3) as 8-bit sRGB, clipped (IEC 61966-2-1)."""
-    linear = np.clip(image, 0.0, 1.0)
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return (encoded * 255.0 + 0.5).astype(np.uint8)
 
 
 def summary(capture: Capture) -> str:

@@ -22,13 +22,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..scene import Array
+from ..scene.colour import linear
 from .arrays import read_array
 from .codes import read_codes
 from .exr import read_channels
 from .exrheader import colour_channels, read_parts, the_part
 from .filekind import MAX_PIXELS, check_kind
 
-ENCODINGS = ("auto", "linear", "srgb")
 ALPHAS = ("auto", "premultiplied", "straight")
 SUFFIXES = (".exr", ".png", ".jpg", ".jpeg", ".npy")
 _SOME = 4  # names that a message lists
@@ -208,4 +208,4 @@ def _linear(path: Path, codes: Array) -> Array:
     """sRGB values in [0, 1] decoded (IEC 61966-2-1)."""
     if codes.min() < 0 or codes.max() > 1:
         raise InputError(f"picture {path} has values from {codes.min():g} to {codes.max():g}; sRGB values are 0 to 1")
-    return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+    return linear(codes)

@@ -59,7 +59,7 @@ class Worker:
 
     def __init__(self, python: str, path: tuple[str, ...], limits: Limits) -> None:
         """Start it. Raises `InputError` if there is no such interpreter."""
-        self._limits, self._python, self._pid = limits, python, os.getpid()
+        self._limits, self._pid = limits, os.getpid()
         self._release: list[int] = []
         self.failure = ""  # why it is gone, if it failed
         self._deadline: tuple[str, float, float] = ("start", limits.start, time.monotonic() + limits.start)

@@ -120,13 +120,6 @@ class Atlas:
         corners = attribute[self.topology.faces[self.face]]
         return np.einsum("nk,nkc->nc", self.barycentric, corners)
 
-    def to_texture(self, attribute: Tensor | Array) -> Tensor:
-        """A vertex attribute (V, C) as a texture (C, R, R), zero where not covered; differentiable."""
-        values = attribute if isinstance(attribute, Tensor) else torch.tensor(attribute)
-        corners = values[torch.from_numpy(self.topology.faces[self.face].astype(np.int64))]
-        weights = torch.from_numpy(self.barycentric).to(values.dtype)
-        return self.scatter((corners * weights[..., None]).sum(dim=1).T)
-
     def gather(self, texture: Tensor) -> Tensor:
         """The covered texels (..., N) of maps (..., R, R); differentiable."""
         return _select(texture.flatten(-2), self._index)

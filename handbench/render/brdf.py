@@ -73,16 +73,11 @@ def specular(normal: Tensor, view: Tensor, light: Tensor, roughness: Tensor) -> 
     return above * lobe * masking(to_light.clamp_min(0), beta) * masking(to_view.clamp_min(0), beta) * 0.25
 
 
-def lambert(normal: Tensor, light: Tensor) -> Tensor:
-    """1 / pi above the surface, zero below, of unit vectors (..., 3) that broadcast: (...). No cosine."""
-    return (_dot(normal, light) > 0).to(torch.result_type(normal, light)) / math.pi
-
-
 def phong(normal: Tensor, view: Tensor, light: Tensor, shininess: float = SHININESS) -> Tensor:
     """Phong's lobe (r.d)^shininess of unit vectors (..., 3) that broadcast, r the mirrored light: (...).
 
     Zero where the light is below the surface. It has no cosine and no normalisation, as Phong had none
-    ("Illumination for computer generated pictures", 1975); its diffuse part is `lambert`.
+    ("Illumination for computer generated pictures", 1975); its diffuse part is Lambert's 1 / pi.
     """
     to_light, to_view, across = (_dot(a, b) for a, b in ((normal, light), (normal, view), (light, view)))
     mirrored = (2.0 * to_light * to_view - across).to(torch.result_type(normal, light))

@@ -16,6 +16,8 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
+from ..cache import cache_folder
+from ..files import whole
 from ..terminal import complain
 
 VECTORISED = "llvm_ad_rgb"
@@ -93,8 +95,7 @@ def _works(library: str) -> bool:
 
 
 def _proven_file() -> Path:
-    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(cache) / "handbench" / "llvm-works.json"
+    return cache_folder() / "llvm-works.json"
 
 
 def _read_proven() -> list[str]:
@@ -109,6 +110,7 @@ def _write_proven(proven: list[str]) -> None:
     """Keep what works; a folder that cannot be written only means probing again next time."""
     try:
         _proven_file().parent.mkdir(parents=True, exist_ok=True)
-        _proven_file().write_text(json.dumps(proven, indent=1))
+        with whole(_proven_file()) as part:
+            part.write_text(json.dumps(proven, indent=1))
     except OSError:
         pass

@@ -70,10 +70,6 @@ def phong_brdf(normal, view, light, shininess):  # type: ignore[no-untyped-def]
     return jnp.maximum(mirrored @ view, 0) ** shininess
 
 
-def lambert_brdf(normal, light):  # type: ignore[no-untyped-def]
-    return jnp.where(normal @ light > 0, 1 / jnp.pi, 0.0)
-
-
 def disney_brdf(normal, view, light, albedo, roughness, metallic):  # type: ignore[no-untyped-def]
     """Burley's diffuse, GGX, Schlick, height-correlated Smith through Heitz' Λ: one texel, one light above the horizon.
 

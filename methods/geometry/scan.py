@@ -12,8 +12,7 @@ from torch import Tensor
 
 from handbench.errors import Unsupported
 from handbench.scene import Array, Camera, Frame, Observation
-
-from ..picture import display
+from handbench.scene.colour import unclipped_srgb
 
 _SLOPE = 3.0  # depth over width: where a surface seems steeper, the pixels straddle an edge
 _MARGIN = 1.3  # of a picture's side over the box of the key points
@@ -102,5 +101,5 @@ def picture(image: Array, camera: Camera, points: Array, size: int) -> Tensor:
     x = (middle[0] + half * steps) / camera.width * 2.0 - 1.0
     y = (middle[1] + half * steps) / camera.height * 2.0 - 1.0
     grid = torch.stack([x[None].expand(size, -1), y[:, None].expand(-1, size)], dim=-1)[None].float()
-    source = display(torch.from_numpy(image.transpose(2, 0, 1).copy()))[None]
+    source = unclipped_srgb(torch.from_numpy(image.transpose(2, 0, 1).copy()))[None]
     return torch.nn.functional.grid_sample(source, grid, align_corners=False)[0]

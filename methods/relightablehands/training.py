@@ -12,10 +12,10 @@ from handbench.device import device
 from handbench.errors import Unsupported
 from handbench.method import Progress, Recording, silent
 from handbench.scene import Array
+from handbench.scene.colour import unclipped_srgb
 
 from ..nets.engine import Player, fit, light_weights
 from ..nets.perceptual import perceptual_loss
-from ..picture import display
 from ..views import View, views
 from .config import Config
 from .model import NEAREST, RelightableHandsModel, Seen, lit
@@ -81,7 +81,7 @@ class Lesson:
         assert visible is not None  # views are made with shadows
         responses, cut = self.model.responses(self._seen[sample], lights.directions, visible, lights.positions)
         power = np.concatenate([lights.irradiance, lights.intensities])
-        drawn, target = display(view.draw(lit(responses, power))), display(truth)
+        drawn, target = unclipped_srgb(view.draw(lit(responses, power))), unclipped_srgb(truth)
         terms = {
             "l2": (drawn - target).square().sum() / (3 * view.covered),
             "negative": config.negative * (cut / 255.0).clamp_max(0.0).square().mean(),

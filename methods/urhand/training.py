@@ -13,11 +13,11 @@ from handbench.light.lightset import LightSet
 from handbench.method import Progress, Recording
 from handbench.render.shading import light_features
 from handbench.scene import Array
+from handbench.scene.colour import unclipped_srgb
 
 from ..nets.discriminator import Discriminator, discriminator_loss, generator_loss
 from ..nets.engine import Player, fit, light_weights
 from ..nets.perceptual import patch, perceptual_loss
-from ..picture import display
 from ..reflectance import normalised_texture
 from ..views import View, views
 from . import lighting
@@ -72,8 +72,8 @@ class Lesson:
         features = self._features(view, material.normal, material.roughness, lights, visible)
         final, encoded = self.model.colour(features, lights, material, texture, atlas)
         pictures = [final, self.model.physical_colour(features, texture, atlas)] if config.neural else [final]
-        drawn = display(view.draw(torch.cat(pictures))).unflatten(0, (-1, 3))
-        target = display(truth)
+        drawn = unclipped_srgb(view.draw(torch.cat(pictures))).unflatten(0, (-1, 3))
+        target = unclipped_srgb(truth)
         terms = self._image_terms(view, drawn, target, rng)
         if encoded:
             terms["sparsity"] = config.sparsity * torch.stack([code.float().abs().mean() for code in encoded]).sum()

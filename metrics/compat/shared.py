@@ -15,11 +15,11 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from handbench.errors import Unsupported
+from handbench.scene.colour import srgb
 
 from ..base import PairFamily
 from ..networks import features, weights
 from ..pair import Pair
-from ..view import srgb
 
 CAP = 100.0
 CAPPED = f"cap:{CAP:g}"

@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
 from handbench.errors import Unsupported
+from handbench.scene.colour import srgb
 
 from ..pair import Pair
-from ..view import srgb
 from .shared import CAPPED, decibel, family, lpips, lpips_family, per_pair, psnr_family, some
 
 _NAME = "stanford-orb"

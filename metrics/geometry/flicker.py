@@ -19,9 +19,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from handbench.scene.colour import srgb
+
 from ..base import Score
 from ..pair import Pair
-from ..view import ALPHA, srgb
+from ..view import ALPHA
 
 
 @dataclass(frozen=True)

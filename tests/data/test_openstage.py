@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from handbench.data.capture import Capture
-from handbench.data.contactsheet import contact_sheet, summary, to_display
+from handbench.data.contactsheet import contact_sheet, summary
 from handbench.data.exr import read_exr, rgb, write_exr
 from handbench.data.openstage import PRESETS, capture_folder, open_capture, preset
 from handbench.data.openstage.capture import OpenStage
@@ -22,6 +22,7 @@ from handbench.hand import OpenHand
 from handbench.light.environment import solid_angles
 from handbench.render.raster import rasterise
 from handbench.scene import Environment, leaves
+from handbench.scene.colour import eight_bit
 
 TINY = replace(
     PRESETS["mini"], subjects=1, train_poses=1, held_out_poses=0, lights=4, held_out_lights=1, environments=("hall",)
@@ -198,7 +199,7 @@ def test_the_contact_sheet_shows_every_row_and_column(mini: Capture) -> None:
 
 
 def test_display_is_srgb() -> None:
-    assert to_display(np.array([0.0, 0.0031308, 0.2140411, 1.0, 7.0])).tolist() == [0, 10, 127, 255, 255]
+    assert eight_bit(np.array([0.0, 0.0031308, 0.2140411, 1.0, 7.0])).tolist() == [0, 10, 127, 255, 255]
 
 
 def test_a_lost_file_is_made_again_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import convolve
 
-from handbench.metrics import Pair, metric, srgb
+from handbench.metrics import Pair, metric
+from handbench.scene.colour import srgb
 
 PPD = 0.7 * 3840 / 0.7 * math.pi / 180
 TO_XYZ = np.array(

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from handbench.metrics import Pair, srgb
+from handbench.metrics import Pair
 from handbench.metrics.geometry.flicker import FLICKER, flicker
+from handbench.scene.colour import srgb
 
 SIZE = (9, 7)
 MASK = np.ones(SIZE)

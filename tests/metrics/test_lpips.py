@@ -14,7 +14,8 @@ import torchmetrics
 from safetensors import safe_open
 
 from handbench.errors import InputError
-from handbench.metrics import Pair, metric, srgb
+from handbench.metrics import Pair, metric
+from handbench.scene.colour import srgb
 
 lpips = importlib.import_module("handbench.metrics.lpips")
 networks = importlib.import_module("handbench.metrics.networks")

@@ -9,7 +9,8 @@ from skimage.measure import block_reduce
 from skimage.metrics import structural_similarity
 from torchmetrics.functional.image import structural_similarity_index_measure
 
-from handbench.metrics import Pair, metric, srgb
+from handbench.metrics import Pair, metric
+from handbench.scene.colour import srgb
 
 
 def pair(height: int, width: int, seed: int = 0) -> Pair:

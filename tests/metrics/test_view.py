@@ -9,7 +9,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from handbench.metrics import ENTRIES, Family, Pair, metric, scores, srgb
+from handbench.metrics import ENTRIES, Family, Pair, metric, scores
+from handbench.scene.colour import srgb
 
 LEAST = {
     "psnr": 1,

@@ -13,7 +13,7 @@ def test_texels_lie_where_their_centres_are(shapes) -> None:
     mesh = shapes.plane(size=1.0, cells=5, box=(0.0, 0.0, 1.0, 1.0))  # u = x + 1/2, v = 1/2 - z
     atlas = Atlas(mesh.topology, 16)
     assert atlas.covered.all() and atlas.count == 256
-    texture = atlas.to_texture(mesh.vertices)
+    texture = atlas.scatter(torch.from_numpy(atlas.interpolate(mesh.vertices).T))
     centre = (np.arange(16) + 0.5) / 16
     u, v = np.meshgrid(centre, 1 - centre)  # row 0 is the top, v near 1
     assert np.allclose(texture[0], u - 0.5, atol=1e-6)
@@ -37,15 +37,6 @@ def test_gather_and_scatter_are_inverse(shapes) -> None:
     assert texture.shape == (2, 3, 32, 32)
     assert torch.equal(atlas.gather(texture), values)
     assert not texture[..., ~torch.from_numpy(atlas.covered)].any()
-
-
-def test_to_texture_is_differentiable(shapes) -> None:
-    mesh = shapes.sphere(6, 12)
-    atlas = Atlas(mesh.topology, 16)
-    attribute = torch.rand(len(mesh.vertices), 2, dtype=torch.float64, requires_grad=True)
-    (gradient,) = torch.autograd.grad(atlas.to_texture(attribute).sum(), attribute)
-    assert gradient.sum() == pytest.approx(2 * atlas.count, rel=1e-6)  # weights of a texel sum to one
-    assert torch.autograd.gradcheck(atlas.to_texture, attribute)
 
 
 def test_dilation_takes_the_nearest_covered_texel(shapes) -> None:

@@ -12,7 +12,7 @@ def test_a_failed_probe_is_tried_again_and_a_good_one_is_kept(tmp_path, monkeypa
     library.write_text("")
     works = {str(library): False}
     probes = []
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("HANDBENCH_DATA", str(tmp_path / "cache"))
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "")
     monkeypatch.setattr(llvm, "_candidates", lambda: [str(library)])
     monkeypatch.setattr(llvm, "_works", lambda path: probes.append(path) or works[path])
@@ -25,7 +25,6 @@ def test_a_failed_probe_is_tried_again_and_a_good_one_is_kept(tmp_path, monkeypa
 
 @pytest.mark.parametrize("text", ["{", '{"old": false}', "3"])
 def test_a_foreign_cache_file_is_ignored(tmp_path, monkeypatch, text):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    (tmp_path / "handbench").mkdir()
-    (tmp_path / "handbench" / "llvm-works.json").write_text(text)
+    monkeypatch.setenv("HANDBENCH_DATA", str(tmp_path))
+    (tmp_path / "llvm-works.json").write_text(text)
     assert llvm._read_proven() == []

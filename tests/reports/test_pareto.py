@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 from itertools import combinations, pairwise
@@ -196,3 +197,9 @@ def test_corners_of_the_front_are_a_stair_that_never_gets_worse() -> None:
     assert drawing.front[-1][0] == FRAME.right
     for (x, y), (u, v) in pairwise(drawing.front):
         assert (x == u and v < y) or (y == v and u > x)
+
+
+def test_points_keep_away_from_the_sides_of_the_plot() -> None:
+    (_, left, _, _), (_, right, _, _) = draw(_plot([_row("A", 10.0, 20.0), _row("B", 100.0, 30.0)])).marks
+    room = math.log10(1.35) / (1 + 2 * math.log10(1.35)) * (FRAME.right - FRAME.left)
+    assert left == pytest.approx(FRAME.left + room) and right == pytest.approx(FRAME.right - room)
