@@ -90,8 +90,9 @@ class Shading:
         found = light_features(self._normal, self._position, rough, self._centre, lights, visible, self._model)
         if texels is not None:
             where = torch.from_numpy(texels)
-            found = (f.new_zeros(3, atlas.count).index_copy(1, where, f) for f in found)
-        diffuse, specular = found
+            diffuse, specular = (f.new_zeros(3, atlas.count).index_copy(1, where, f) for f in found)
+        else:
+            diffuse, specular = found
         return atlas.scatter(diffuse), atlas.scatter(specular)
 
 

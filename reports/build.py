@@ -116,7 +116,7 @@ def _published(told: dict[str, Any], columns: tuple[Column, ...], metrics: int) 
         kind="published",
         fidelity=told["source"],
         cells=tuple(cells),
-        times=Times(None, None, None, None),
+        times=Times(None, None, {}, {}),
         marker=told["marker"],
     )
 

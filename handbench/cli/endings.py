@@ -7,10 +7,13 @@ import errno
 import os
 import signal
 import sys
-from typing import IO, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from ..errors import HandbenchError
 from ..terminal import complain, printable
+
+if TYPE_CHECKING:
+    from _typeshed import SupportsWrite
 
 BAD_INPUT, FAULT = 2, 70
 CODES = (
@@ -24,7 +27,7 @@ _LONGEST = 4000  # characters of a sentence: texts of others have no end
 class Parser(argparse.ArgumentParser):
     """An argument parser whose messages repeat what was given without obeying it."""
 
-    def _print_message(self, message: str, file: IO[str] | None = None) -> None:
+    def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
         super()._print_message(printable(message), file)
 
     def error(self, message: str) -> NoReturn:

@@ -125,7 +125,7 @@ class _Held:
 
     def call(self, call: str, name: str, **arguments: Any) -> Any:
         """The answer to a call that is told the number under a name."""
-        return _living(self.worker).call(call, **{name: self.number}, **arguments)
+        return _living(self.worker).call(call, None, **{name: self.number}, **arguments)
 
     def prediction(self, told: dict[str, Any]) -> Prediction:
         """A prediction as it was sent, whose maps are fetched when they are asked for."""
