@@ -1,0 +1,113 @@
+"""The process that tries cases: a line of JSON in, a line of JSON out. It is reused, since loading takes a second."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import resource
+import sys
+from pathlib import Path
+from typing import Any
+
+VALUES = "SELECT method, seed, query, metric, value FROM scores ORDER BY ALL"
+MEMORY = 12 << 30  # bytes; more is an error of memory, not a machine that stands still
+
+
+def protocol(path: Path) -> str:
+    """The digest of a protocol file, and of the frames it chooses of the smallest light stage."""
+    from handbench.bench.protocol import digest, resolve
+    from handbench.bench.run import find_protocol
+    from handbench.registry import CAPTURES
+
+    found = find_protocol(str(path))
+    chosen = resolve(found, CAPTURES.load("openstage")(size="mini").frames())
+    frames = {name: [frame.key for frame in frames] for name, frames in chosen.scored.items()}
+    return digest([[frame.key for frame in chosen.train], frames])
+
+
+def environment(path: Path) -> str:
+    """Mean radiance of an environment map."""
+    from handbench.light.environment import read
+
+    return " ".join(f"{value:.5g}" for value in read(path).radiance.mean((0, 1)))
+
+
+def capture(folder: Path) -> str:
+    """Means of pictures, and of a mesh, of a light stage in a folder."""
+    import numpy as np
+
+    from handbench.data.openstage.capture import OpenStage
+
+    frames = OpenStage(folder).frames()
+    stage = OpenStage(folder)
+    means = [float(np.mean(stage.observe(frame).image)) for frame in frames[:: max(1, len(frames) // 5)]]
+    return " ".join(f"{value:.5g}" for value in (*means, float(frames[0].mesh.vertices.mean())))
+
+
+def score(folder: Path) -> str:
+    """The values of a prediction folder, scored."""
+    from handbench.cli import main
+
+    code = main(["score", "p.toml", str(folder), "--out", "scored"])
+    if code:
+        raise SystemExit(code)
+    sys.stdout.truncate(0)
+    main(["query", "scored", VALUES, "--format", "json"])
+    return ""
+
+
+CALLS = {"protocol": protocol, "environment": environment, "capture": capture, "score": score}
+
+
+def attempt(words: list[str]) -> int:
+    """The exit code of a command line or of a call, both with the same way out."""
+    from handbench.cli import main
+    from handbench.cli.endings import ending
+    from handbench.terminal import say
+
+    if not words[0].startswith("call:"):
+        return main(words)
+    try:
+        say(CALLS[words[0].removeprefix("call:")](Path(words[1])))
+        return 0
+    except Exception as error:
+        return ending(error, False, None)
+
+
+def _streams() -> tuple[io.TextIOWrapper, io.TextIOWrapper]:
+    sys.stdout, sys.stderr = (io.TextIOWrapper(io.BytesIO(), "utf-8", "backslashreplace") for _ in range(2))
+    return sys.stdout, sys.stderr
+
+
+def _text(stream: io.TextIOWrapper) -> str:
+    stream.flush()
+    return stream.buffer.getvalue().decode("utf-8", "replace")  # type: ignore[attr-defined]
+
+
+def serve() -> None:
+    asked, answers = sys.stdin, os.fdopen(os.dup(1), "w")
+    nothing = os.open(os.devnull, os.O_RDWR)
+    os.dup2(nothing, 1)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    import handbench.reports  # noqa: F401
+
+    answers.write("ready\n")
+    answers.flush()
+    for line in asked:
+        question: dict[str, Any] = json.loads(line)
+        os.chdir(question["folder"])
+        out, err = _streams()
+        try:
+            code = attempt(question["words"])
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 2
+        except BaseException as error:  # got past the only way out
+            code = 70
+            sys.stderr.write(f"{type(error).__name__}: {error}")
+        answers.write(json.dumps({"code": code, "out": _text(out)[:200_000], "err": _text(err)[:200_000]}) + "\n")
+        answers.flush()
+
+
+if __name__ == "__main__":
+    serve()
