@@ -57,7 +57,7 @@ def _grid(table: Table, group: Group) -> RichTable:
     grid = _empty(group.title, table.rows)
     for index in indices:
         metric = table.columns[index].metric
-        grid.add_column(f"{metric.title} {metric.arrow}", justify="right", overflow="fold")
+        grid.add_column(Text(f"{metric.title} {metric.arrow}"), justify="right", overflow="fold")
     for row in table.rows:
         grid.add_row(_name(row), *(_cell(row.cells[index], table.columns[index]) for index in indices))
     return grid
@@ -69,7 +69,7 @@ def _differences(table: Table, group: Group) -> Iterator[RichTable]:
     grid = _empty(f"{group.title}: difference to {table.baseline}", table.compared)
     for index in table.of_group(group):
         metric = table.columns[index].metric
-        grid.add_column(f"{metric.title} {metric.arrow}", justify="right", overflow="fold")
+        grid.add_column(Text(f"{metric.title} {metric.arrow}"), justify="right", overflow="fold")
     for row in table.compared:
         cells = (difference_text(row.cells[i].difference, table.columns[i].metric) for i in table.of_group(group))
         grid.add_row(_name(row), *cells)
@@ -98,7 +98,7 @@ def _costs(table: Table) -> RichTable:
 def _empty(title: str, rows: tuple[Row, ...]) -> RichTable:
     """A grid whose first column holds the rows' names, wide enough for all of them."""
     grid = RichTable(
-        title=title, title_justify="left", title_style="bold", header_style="dim", box=None, padding=(0, 2, 0, 0)
+        title=Text(title, "bold"), title_justify="left", header_style="dim", box=None, padding=(0, 2, 0, 0)
     )
     grid.add_column("", no_wrap=True, min_width=max((len(_name(row)) for row in rows), default=0))
     return grid

@@ -1,0 +1,65 @@
+"""A sample of the generator in benchmarks/bad_inputs: no traceback, no hang, no silent wrong value."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from benchmarks.bad_inputs.bases import Bases, make_bases
+from benchmarks.bad_inputs.case import BAD, Answer, Case, verdict
+from benchmarks.bad_inputs.families import FAMILIES, generate
+from benchmarks.bad_inputs.mutate import spoiled_bytes, spoiled_json, spoiled_toml
+from benchmarks.bad_inputs.runner import answers
+
+COUNT, SEED = 60, 7
+OPEN = ("runs", "captures")  # read without a schema still
+
+
+@pytest.fixture(scope="module")
+def bases(tmp_path_factory: pytest.TempPathFactory) -> Bases:
+    return make_bases(tmp_path_factory.mktemp("bases"))
+
+
+def test_a_sample_of_bad_inputs_is_answered_rightly_or_refused_in_a_sentence(bases):
+    cases = [case for case in generate(COUNT, SEED, bases) if case.family not in OPEN]
+    assert len({case.family for case in cases}) >= len(FAMILIES) - len(OPEN) - 1
+    found = [
+        (verdict(case, answer), case.family, case.words or case.process, answer) for case, answer in answers(cases)
+    ]
+    assert len(found) == len(cases)
+    assert not [each for each in found if each[0] in BAD]
+    assert any(each[0] == "answered" for each in found) and any(each[0] == "refused" for each in found)
+
+
+def test_the_same_seed_makes_the_same_inputs(bases):
+    one, other = (
+        [(case.family, case.words, case.files, case.special, case.process) for case in generate(40, 3, bases)]
+        for _ in range(2)
+    )
+    assert one == other != [(c.family, c.words, c.files, c.special, c.process) for c in generate(40, 4, bases)]
+
+
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [
+        (Answer(0, "right"), "answered"),
+        (Answer(0, "left"), "wrong"),
+        (Answer(2, "", "handbench: no such thing\n"), "refused"),
+        (Answer(2, "", ""), "mute"),
+        (Answer(70, "", "handbench: a fault of handbench itself"), "traceback"),
+        (Answer(1, "", "Traceback (most recent call last):\n  …"), "traceback"),
+        (Answer(-11), "died"),
+        (Answer(None, lost="hang"), "hang"),
+    ],
+)
+def test_a_verdict_knows_every_way_to_fail(answer, expected):
+    assert verdict(Case("runs", "x", ("list",), lambda out: out == "right"), answer) == expected
+
+
+def test_spoiling_changes_something():
+    rng = random.Random(0)
+    json_text, toml_text = '{"a": [1, {"b": "c"}], "d": null}', "name = 'x'\nversion = 1\n[train]\nseeds = [0]\n"
+    for spoil, sound in ((spoiled_json, json_text), (spoiled_toml, toml_text), (spoiled_bytes, b"x" * 100)):
+        changed = sum(spoil(rng, sound) != sound for _ in range(100))
+        assert changed > 80, spoil.__name__
