@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
 from .errors import InputError
-from .scene import Frame, FrameKind, Observation
+from .scene import Frame, FrameKind, Light, Mesh, Observation, Query, Topology, Uncalibrated, Unknown
 
 Part = Literal["image", "alpha", "camera", "depth", "normal", "uv", "pose", "shape", "mesh", "light"]
 """What can be given of a frame. "uv" is the UVs of meshes and the UV maps of pictures."""
@@ -18,8 +18,9 @@ PARTS: frozenset[Part] = frozenset(get_args(Part))
 class Recording:
     """The frames that a method may see, and the way to their images.
 
-    `frames` are without the parts that are not given. `observe(frame)` reads (and may cache) the images of one of
-    them, again without what is not given; the arrays are read-only.
+    `frames` are without the parts that are not given: no pose, shape or mesh, or one without UVs; an `Uncalibrated`
+    camera; an `Unknown` light, and then the lighting's name is replaced too. `observe(frame)` reads (and may cache)
+    the images of one of them, again without what is not given; the arrays are read-only.
     """
 
     def __init__(
@@ -27,7 +28,7 @@ class Recording:
     ) -> None:
         recorded = tuple(frames)
         self.gives = gives
-        self.frames = recorded
+        self.frames = _withheld(recorded, gives)
         self.observe = _reader(dict(zip((f.key for f in self.frames), recorded, strict=True)), observe, gives)
 
     @property
@@ -47,11 +48,52 @@ class Recording:
         return self.where(lambda frame: frame.kind in kinds)
 
 
+def without_geometry(query: Query, gives: frozenset[Part]) -> Query:
+    """A query whose mesh is given, or left out, as those of a recording are."""
+    return replace(query, mesh=_mesh(query.mesh, gives))
+
+
+def _mesh(mesh: Mesh | None, gives: frozenset[Part]) -> Mesh | None:
+    if mesh is None or "mesh" not in gives:
+        return None
+    if "uv" in gives or mesh.topology.uvs is None:
+        return mesh
+    return Mesh(mesh.vertices, Topology(mesh.topology.faces))
+
+
+def _withheld(frames: Sequence[Frame], gives: frozenset[Part]) -> tuple[Frame, ...]:
+    """The frames without what is not given; what they shared they still share."""
+    if gives == PARTS:
+        return tuple(frames)
+    meshes = {id(frame.mesh): frame.mesh for frame in frames}
+    cameras = {id(frame.camera): frame.camera for frame in frames}
+    names: dict[str, str] = {}
+    lights: dict[str, Light] = {}
+    given_meshes = {key: _mesh(mesh, gives) for key, mesh in meshes.items()}
+    if "camera" not in gives:
+        cameras = {key: Uncalibrated(c.name, c.width, c.height) for key, c in cameras.items()}
+    if "light" not in gives:  # frames elsewhere tell the light of a name, so the names go too
+        names = {name: f"light-{i}" for i, name in enumerate(dict.fromkeys(frame.lighting for frame in frames))}
+        lights = {name: Unknown(given) for name, given in names.items()}
+    return tuple(
+        replace(
+            frame,
+            mesh=given_meshes[id(frame.mesh)],
+            camera=cameras[id(frame.camera)],
+            light=lights.get(frame.lighting, frame.light),
+            lighting=names.get(frame.lighting, frame.lighting),
+            pose=frame.pose if "pose" in gives else None,
+            shape=frame.shape if "shape" in gives else None,
+        )
+        for frame in frames
+    )
+
+
 def _reader(
     recorded: dict[str, Frame], observe: Callable[[Frame], Observation], gives: frozenset[Part]
 ) -> Callable[[Frame], Observation]:
     """Reads the images of the recorded frames by their keys: whatever frame it is asked for, it tells no other."""
-    withheld: dict[str, Any] = dict.fromkeys({"depth", "normal", "uv"} - gives)
+    withheld: dict[str, Any] = dict.fromkeys({"alpha", "depth", "normal", "uv"} - gives)
 
     def read(frame: Frame) -> Observation:
         if frame.key not in recorded:

@@ -11,7 +11,7 @@ from handbench.data.texture import mean_texture
 from handbench.errors import Unsupported
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.render.raster import rasterise
-from handbench.scene import LIGHT_KINDS, Light, Prediction, Viewpoint
+from handbench.scene import LIGHT_KINDS, Light, Prediction, Viewpoint, needed
 
 from .nets.weights import load_state, save_state
 from .picture import prediction
@@ -24,7 +24,7 @@ class MeanAvatar(Avatar):
         self._texture = texture
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
-        return PosedMean(prediction(rasterise(viewpoint.mesh, viewpoint.camera), self._texture))
+        return PosedMean(prediction(rasterise(needed(viewpoint.mesh, "mesh"), viewpoint.camera), self._texture))
 
 
 class PosedMean(PosedAvatar):
@@ -82,7 +82,7 @@ def _mean_radiance(recording: Recording) -> float:
     for frame in recording.frames:
         observation = recording.observe(frame)
         total += float(observation.image.sum(dtype="float64"))
-        coverage += 3.0 * float(observation.alpha.sum(dtype="float64"))
+        coverage += 3.0 * float(needed(observation.alpha, "alpha").sum(dtype="float64"))
     return total / coverage
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from handbench.errors import Unsupported
 from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, RecordedAvatar, Recording, silent
-from handbench.scene import LIGHT_KINDS, Frame, Prediction, Query
+from handbench.scene import LIGHT_KINDS, Frame, Prediction, Query, needed
 
 
 class OracleAvatar(RecordedAvatar):
@@ -20,7 +20,8 @@ class OracleAvatar(RecordedAvatar):
         if frame is None:
             raise Unsupported(f"the oracle only knows recorded frames, and {query.key} is not one of them")
         seen = self._truth.observe(frame)
-        return Prediction(seen.image, seen.alpha, depth=seen.depth, normal=seen.normal, mesh=frame.mesh)
+        alpha = needed(seen.alpha, "alpha")
+        return Prediction(seen.image, alpha, depth=seen.depth, normal=seen.normal, mesh=frame.mesh)
 
 
 class OraclePrior(Prior):

@@ -22,7 +22,7 @@ from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Pro
 from handbench.render.posed import PosedSurface
 from handbench.render.raster import Raster, rasterise
 from handbench.render.shading import Model, light_features
-from handbench.scene import Array, Frame, Light, Prediction, Viewpoint
+from handbench.scene import Array, Frame, Light, Prediction, Viewpoint, needed
 from handbench.skips import note, skips
 
 from .nets.weights import load_state, save_state
@@ -52,7 +52,7 @@ def full_exposure(enrolment: Recording, size: int) -> float:
     for frame in enrolment.of_kind("full").frames:
         if frame.pose_key not in poses:
             poses.add(frame.pose_key)
-            surface = PosedSurface(frame.mesh, size)
+            surface = PosedSurface(needed(frame.mesh, "mesh"), size)
             lights = light_samples(frame.light)
             diffuse, _ = Shading(surface, frame.camera.centre, "diffuse").features(lights, 0.5)
             features.append(float(diffuse[:, torch.from_numpy(surface.atlas.covered)].mean()))
@@ -109,7 +109,7 @@ class PosedReflectance(PosedAvatar):
 
     def __init__(self, texture: Tensor, prior: ReflectancePrior, viewpoint: Viewpoint) -> None:
         self._texture, self._prior = texture, prior
-        surface = PosedSurface(viewpoint.mesh, prior.config.texture)
+        surface = PosedSurface(needed(viewpoint.mesh, "mesh"), prior.config.texture)
         self._atlas = surface.atlas
         self._raster = rasterise(surface.mesh, viewpoint.camera)
         # a fit that gave the specular lobe no share leaves nothing to work out
@@ -177,7 +177,7 @@ class Reflectance(Method):
 
     def _pictures(self, frame: Frame, texture: Tensor, candidates: Sequence[float]) -> Iterator[Array]:
         """For each roughness the diffuse and the specular picture of a frame, (pixels, 2)."""
-        surface = PosedSurface(frame.mesh, self._config.texture)
+        surface = PosedSurface(needed(frame.mesh, "mesh"), self._config.texture)
         raster = rasterise(surface.mesh, frame.camera)
         shading = Shading(surface, frame.camera.centre, self._model, raster)
         lights = light_samples(frame.light)

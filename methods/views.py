@@ -15,7 +15,7 @@ from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Recording
 from handbench.render.posed import PosedSurface
 from handbench.render.raster import Raster, rasterise
-from handbench.scene import Array, Frame
+from handbench.scene import Array, Frame, needed
 
 Shadows: TypeAlias = Literal["hard", "soft", "none"]
 
@@ -85,7 +85,7 @@ def views(recording: Recording, size: int, shadows: Shadows = "hard", method: st
     found = []
     for (pose, _), pictures in seen.items():
         if pose not in surfaces:
-            surfaces[pose] = PosedSurface(pictures[0].frame.mesh, size)
+            surfaces[pose] = PosedSurface(needed(pictures[0].frame.mesh, "mesh"), size)
         found.append(_view(_telling(pictures), recording, surfaces[pose], shadows, method))
     return found
 
@@ -121,7 +121,7 @@ def _telling(pictures: list[_Lit]) -> list[_Lit]:
 def _view(pictures: list[_Lit], recording: Recording, posed: PosedSurface, shadows: Shadows, method: str) -> View:
     first = pictures[0].frame
     drawn = rasterise(posed.mesh, first.camera)
-    covered = (recording.observe(first).alpha > 0) | (drawn.alpha > 0)
+    covered = (needed(recording.observe(first).alpha, "alpha") > 0) | (drawn.alpha > 0)
     if not covered.any():
         raise Unsupported(f"{method} trains on pictures of a hand, and {first.key} shows none")
     box = tuple(
@@ -134,7 +134,7 @@ def _view(pictures: list[_Lit], recording: Recording, posed: PosedSurface, shado
     single = LightSet(directions, irradiance.sum(axis=0), positions, intensities.sum(axis=0))
     return View(
         subject=first.subject,
-        joints=torch.from_numpy(first.pose.joints.copy()).float(),
+        joints=torch.from_numpy(needed(first.pose, "pose").joints.copy()).float(),
         posed=posed,
         raster=drawn,
         centre=first.camera.centre,

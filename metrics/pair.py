@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handbench.errors import InputError
-from handbench.scene import Mesh, Observation, Prediction
+from handbench.scene import Mesh, Observation, Prediction, needed
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Pair:
         return cls(
             prediction.image,
             truth.image,
-            truth.alpha,
+            needed(truth.alpha, "alpha"),
             prediction_alpha=prediction.alpha,
             prediction_depth=prediction.depth,
             truth_depth=truth.depth,

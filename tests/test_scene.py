@@ -46,7 +46,8 @@ def test_camera_centre_is_where_the_camera_stands() -> None:
         (lambda: Environment("e", np.zeros((0, 4, 3))), "empty"),
         (lambda: Environment("e", np.zeros((2, 4))), r"shape \(2, 4\)"),
         (lambda: Pose(np.zeros((3, 4))), r"expected \(n, 3\)"),
-        (lambda: Topology([[0, 1, 2]], np.zeros((0, 2)), [[0, 1, 2]]), "no UVs"),
+        (lambda: Topology([[0, 1, 2]], np.zeros((0, 2)), [[0, 1, 2]]), "uvs is empty"),
+        (lambda: Topology([[0, 1, 2]], np.zeros((2, 2))), "uv_faces is missing"),
         (lambda: Topology([[0, 1, 2]], np.zeros((2, 2)), [[0, 1, 2]]), "outside the 2 UVs"),
         (
             lambda: Mesh(np.zeros((2, 3)), Topology([[0, 1, 2]], np.zeros((3, 2)), [[0, 1, 2]])),

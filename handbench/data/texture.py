@@ -14,7 +14,7 @@ from ..method import Recording
 from ..render.atlas import Atlas
 from ..render.posedmesh import PosedMesh
 from ..render.rays import RayScene
-from ..scene import Array, Camera, Frame, Observation
+from ..scene import Array, Camera, Frame, Observation, needed
 
 _EDGE = 0.99  # a texel whose pixel is covered less is at the silhouette: background would bleed in
 
@@ -38,10 +38,10 @@ def mean_texture(enrolment: Recording, size: int) -> MeanTexture:
     if not frames:
         names = ", ".join(enrolment.subjects) or "the subject"
         raise Unsupported(f"the enrolment of {names} has no fully lit frame, and the mean texture is made from those")
-    atlas = Atlas.of(frames[0].mesh.topology, size)
+    atlas = Atlas.of(needed(frames[0].mesh, "mesh").topology, size)
     total, weight = np.zeros((3, atlas.count)), np.zeros(atlas.count)
     for group in _by_pose(frames):
-        surface = _TexelSurface.of(PosedMesh(group[0].mesh), atlas)
+        surface = _TexelSurface.of(PosedMesh(needed(group[0].mesh, "mesh")), atlas)
         for frame in group:
             colour, cosine = surface.project(frame.camera, enrolment.observe(frame))
             total += colour * cosine
@@ -84,7 +84,7 @@ class _TexelSurface:
         places, _ = camera.project(self.position)
         behind = np.isnan(places)  # the camera: counts as outside the picture
         pixel = np.where(behind, -1.0, places)[:, ::-1].T - 0.5  # row, column of pixel centres
-        alpha = map_coordinates(observation.alpha, pixel, order=1, cval=0.0)
+        alpha = map_coordinates(needed(observation.alpha, "alpha"), pixel, order=1, cval=0.0)
         facing = np.flatnonzero((cosine > 0) & (alpha > _EDGE))
         origin = self.position[facing] + self.scene.epsilon * self.normal[facing]
         hidden = self.scene.occluded(origin, camera.centre - origin, far=1.0)

@@ -78,7 +78,8 @@ class Codec:
         shared = not isinstance(value, _INLINE)
         if shared and id(value) in self._sent:
             return {"same": self._sent[id(value)]}
-        members = {field.name: self._told(getattr(value, field.name), arrays) for field in fields(value)}
+        given = (field.name for field in fields(value) if field.name in vars(value))  # an uncalibrated camera has few
+        members = {name: self._told(getattr(value, name), arrays) for name in given}
         number = None
         if shared:
             number = self._sent[id(value)] = next(self._numbers)

@@ -47,8 +47,9 @@ class Atlas:
         self.size = size
         centre = (np.arange(size) + 0.5) / size
         points = np.stack([*np.meshgrid(centre, 1.0 - centre), np.ones((size, size))], axis=-1).reshape(-1, 3)
-        flat = np.concatenate([topology.uvs, np.zeros((len(topology.uvs), 1))], axis=1)
-        hits = RayScene(flat, topology.uv_faces).cast(points, np.array([[0.0, 0.0, -1.0]]))
+        uvs, uv_faces = topology.unwrapped
+        flat = np.concatenate([uvs, np.zeros((len(uvs), 1))], axis=1)
+        hits = RayScene(flat, uv_faces).cast(points, np.array([[0.0, 0.0, -1.0]]))
         self.covered: Array = hits.hit.reshape(size, size)
         self.texels: Array = np.flatnonzero(hits.hit)
         self.face: Array = hits.face[hits.hit]
@@ -83,9 +84,9 @@ class Atlas:
     @cached_property
     def chart(self) -> Array:
         """The island of each covered texel, (N,) int."""
-        faces = self.topology.uv_faces
+        uvs, faces = self.topology.unwrapped
         edges = np.concatenate([faces[:, :2], faces[:, 1:]])
-        count = len(self.topology.uvs)
+        count = len(uvs)
         graph = coo_array((np.ones(len(edges), dtype=bool), (edges[:, 0], edges[:, 1])), shape=(count, count))
         return connected_components(graph, directed=False)[1][faces[self.face, 0]]
 

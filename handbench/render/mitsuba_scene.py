@@ -88,9 +88,10 @@ def emitter(light: Known) -> dict[str, Any]:
 def shape(surface: TracedSurface) -> Any:
     """A Mitsuba mesh: vertices are repeated where one has several UVs."""
     topology = surface.mesh.topology
-    pairs = topology.faces.ravel().astype(np.int64) * len(topology.uvs) + topology.uv_faces.ravel()
+    uvs, uv_faces = topology.unwrapped
+    pairs = topology.faces.ravel().astype(np.int64) * len(uvs) + uv_faces.ravel()
     unique, corner = np.unique(pairs, return_inverse=True)
-    vertex, uv = unique // len(topology.uvs), unique % len(topology.uvs)
+    vertex, uv = unique // len(uvs), unique % len(uvs)
     normals = surface.normals
     if normals is None:
         normals = mesh_normals(surface.mesh)
@@ -107,7 +108,7 @@ def shape(surface: TracedSurface) -> Any:
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = surface.mesh.vertices[vertex].astype(np.float32).ravel()
     parameters["vertex_normals"] = normals[vertex].astype(np.float32).ravel()
-    parameters["vertex_texcoords"] = topology.uvs[uv].astype(np.float32).ravel()
+    parameters["vertex_texcoords"] = uvs[uv].astype(np.float32).ravel()
     parameters["faces"] = corner.astype(np.uint32).ravel()
     parameters.update()
     return mesh

@@ -137,12 +137,12 @@ def displace(mesh: Mesh, skin: Displaced) -> Mesh:
     A vertex with several UVs, on a seam, moves by the mean over its faces, so the surface stays closed.
     """
     size = skin.displacement.shape[0]
-    uvs = mesh.topology.uvs
+    uvs, uv_faces = mesh.topology.unwrapped
     at = np.stack([(1 - uvs[:, 1]) * size - 0.5, uvs[:, 0] * size - 0.5])
     read = map_coordinates(np.asarray(skin.displacement, np.float64), at, order=1, mode="nearest")
     corner = mesh.topology.faces.ravel()
     count = np.bincount(corner, minlength=len(mesh.vertices))
-    total = np.bincount(corner, read[mesh.topology.uv_faces.ravel()], minlength=len(mesh.vertices))
+    total = np.bincount(corner, read[uv_faces.ravel()], minlength=len(mesh.vertices))
     return Mesh(mesh.vertices + mesh_normals(mesh) * (total / np.maximum(count, 1))[:, None], mesh.topology)
 
 

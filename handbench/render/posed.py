@@ -98,7 +98,7 @@ class PosedSurface:
     @cached_property
     def _digest(self) -> str:
         topology = self.mesh.topology
-        return surface_key((self.mesh.vertices, topology.faces, topology.uvs, topology.uv_faces), self.atlas.size)
+        return surface_key((self.mesh.vertices, topology.faces, *topology.unwrapped), self.atlas.size)
 
 
 class _Wanted:

@@ -36,9 +36,9 @@ class Raster:
 
     @property
     def uv(self) -> Array:
-        """UVs (S, 2) float64, origin bottom-left."""
-        topology = self.mesh.topology
-        return self._at_samples(topology.uvs[topology.uv_faces[self.face]])
+        """UVs (S, 2) float64, origin bottom-left. Raises `Unsupported` for a mesh without UVs."""
+        uvs, uv_faces = self.mesh.topology.unwrapped
+        return self._at_samples(uvs[uv_faces[self.face]])
 
     @property
     def normal(self) -> Array:

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InputError
+from ..errors import InputError, Unsupported
 from .arrays import Array
 from .arrays import checked as _array
 from .arrays import put as _set
-from .camera import Box, Camera
+from .camera import Box, Camera, Uncalibrated
 from .light import (
     FRAME_KINDS,
     KNOWN_LIGHTS,
@@ -62,13 +63,29 @@ __all__ = [
     "Query",
     "Single",
     "Topology",
+    "Uncalibrated",
     "Unknown",
     "Viewpoint",
     "check_frame_kind",
     "kind_of",
     "known_leaves",
     "leaves",
+    "needed",
 ]
+
+
+_Part = TypeVar("_Part")
+
+
+def needed(value: _Part | None, part: str) -> _Part:
+    """A part of a frame, a viewpoint or an observation that must be there; `part` names it.
+
+    Raises `Unsupported` if it was not recorded, or a protocol does not give it. A method that says so in
+    `MethodInfo.needs` is refused before it trains.
+    """
+    if value is None:
+        raise Unsupported(f"the {part} is not given")
+    return value
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,27 +107,40 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Topology:
-    """What all meshes of a capture share: faces (F, 3), UVs (T, 2) in [0, 1], faces into the UVs (F, 3)."""
+    """What all meshes of a capture share: faces (F, 3), and, if it is unwrapped, its UVs.
+
+    uvs (T, 2) in [0, 1] and uv_faces (F, 3) into them; both None for a surface without UVs.
+    """
 
     faces: Array
-    uvs: Array
-    uv_faces: Array
+    uvs: Array | None = None
+    uv_faces: Array | None = None
 
     def __post_init__(self) -> None:
         _set(self, "faces", _array("topology", "faces", self.faces, (None, 3), np.int32))
-        uvs = np.zeros((0, 2)) if self.uvs is None else np.asarray(self.uvs)
-        if uvs.size == 0:
-            raise InputError("topology: the mesh has no UVs; handbench works in UV space, so unwrap it first")
-        _set(self, "uvs", _array("topology", "uvs", uvs, (None, 2), np.float64))
-        _set(self, "uv_faces", _array("topology", "uv_faces", self.uv_faces, self.faces.shape, np.int32))
-        if len(self.uv_faces) and (self.uv_faces.min() < 0 or self.uv_faces.max() >= len(self.uvs)):
-            raise InputError(f"topology: uv_faces points outside the {len(self.uvs)} UVs; the mesh file is damaged")
+        if (self.uvs is None) != (self.uv_faces is None):
+            missing = "uvs" if self.uvs is None else "uv_faces"
+            raise InputError(f"topology: {missing} is missing; give uvs and uv_faces, or neither")
+        if self.uvs is not None and self.uv_faces is not None:
+            if np.asarray(self.uvs).size == 0:
+                raise InputError("topology: uvs is empty; unwrap the mesh, or leave out uvs and uv_faces")
+            _set(self, "uvs", _array("topology", "uvs", self.uvs, (None, 2), np.float64))
+            _set(self, "uv_faces", _array("topology", "uv_faces", self.uv_faces, self.faces.shape, np.int32))
+            if len(self.uv_faces) and (self.uv_faces.min() < 0 or self.uv_faces.max() >= len(self.uvs)):
+                raise InputError(f"topology: uv_faces points outside the {len(self.uvs)} UVs; the mesh file is damaged")
 
         content = hashlib.blake2b(digest_size=16)
-        for array in (self.faces, self.uvs, self.uv_faces):
+        for array in (self.faces, *(() if self.uvs is None else self.unwrapped)):
             content.update(repr(array.shape).encode())
             content.update(np.ascontiguousarray(array).data)
         _set(self, "_digest", content.hexdigest())
+
+    @property
+    def unwrapped(self) -> tuple[Array, Array]:
+        """uvs (T, 2) and uv_faces (F, 3). Raises `Unsupported` if there are none."""
+        if self.uvs is None or self.uv_faces is None:
+            raise Unsupported("the mesh has no UVs, and this works on a texture; unwrap the mesh")
+        return self.uvs, self.uv_faces
 
     @property
     def digest(self) -> str:
@@ -136,13 +166,14 @@ class Mesh:
 class Viewpoint:
     """A subject in a pose, seen by a camera: all that a picture needs but the light.
 
-    `key` names it ("subject/pose/camera"); viewpoints of equal `pose_key` show the same pose and mesh.
+    `key` names it ("subject/pose/camera"); viewpoints of equal `pose_key` show the same pose and mesh. Pose or mesh are
+    None where they were not recorded, and where a protocol does not give them: see `needed`.
     """
 
     subject: str
     pose_name: str
-    pose: Pose
-    mesh: Mesh
+    pose: Pose | None
+    mesh: Mesh | None
     camera: Camera
 
     @property
@@ -164,8 +195,8 @@ class Query:
     subject: str
     pose_name: str
     lighting: str
-    pose: Pose
-    mesh: Mesh
+    pose: Pose | None
+    mesh: Mesh | None
     camera: Camera
     light: Light
 
@@ -188,14 +219,20 @@ class Query:
 
 @dataclass(frozen=True, eq=False)
 class Frame(Query):
-    """A recorded frame: a query whose answer was photographed. `kind` tells how it was lit."""
+    """A recorded frame: a query whose answer was photographed. `kind` tells how it was lit.
+
+    `shape` holds the coefficients (n,) of the subject in the capture's hand model, None where there are none.
+    """
 
     segment: str
     kind: FrameKind
+    shape: Array | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_frame_kind(f"frame {self.key!r}", self.kind)
+        if self.shape is not None:
+            _set(self, "shape", _array("frame", "shape", self.shape, (None,), np.float64))
 
     @property
     def query(self) -> Query:
@@ -205,13 +242,13 @@ class Frame(Query):
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What was recorded in a frame: image (H, W, 3) and alpha (H, W), and the geometry channels there are.
+    """What was recorded in a frame: image (H, W, 3), and alpha (H, W) and geometry channels where there are any.
 
     normal (H, W, 3) in world space, depth (H, W) in metres along z, uv (H, W, 2); zero where alpha is zero.
     """
 
     image: Array
-    alpha: Array
+    alpha: Array | None = None
     normal: Array | None = None
     depth: Array | None = None
     uv: Array | None = None
@@ -220,8 +257,7 @@ class Observation:
         image = _array("observation", "image", self.image, (None, None, 3), np.float32)
         _set(self, "image", image)
         height, width = image.shape[:2]
-        _set(self, "alpha", _array("observation", "alpha", self.alpha, (height, width), np.float32))
-        for name, channels in (("normal", (3,)), ("depth", ()), ("uv", (2,))):
+        for name, channels in (("alpha", ()), ("normal", (3,)), ("depth", ()), ("uv", (2,))):
             value = getattr(self, name)
             if value is not None:
                 _set(self, name, _array("observation", name, value, (height, width, *channels), np.float32))

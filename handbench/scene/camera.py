@@ -6,12 +6,12 @@ OpenCV: x right, y down, z forward; pixel centres at +0.5.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ..errors import InputError
+from ..errors import InputError, Unsupported
 from .arrays import Array, checked, put
 
 _AHEAD = 1e-6  # metres in front of the camera from which on a projection makes sense as a box
@@ -119,3 +119,19 @@ class Camera:
         low, high = np.floor(places.min(axis=0)), np.ceil(places.max(axis=0))
         (left, top), (right, bottom) = (np.clip(edge, 0, (self.width, self.height)).astype(int) for edge in (low, high))
         return Box(int(left), int(top), int(right), int(bottom))
+
+
+class Uncalibrated(Camera):
+    """A camera of which only name and size are told; whatever needs to know where it is raises `Unsupported`."""
+
+    def __init__(self, name: str, width: int, height: int) -> None:
+        for field, value in (("name", name), ("width", width), ("height", height)):
+            put(self, field, value)
+
+    @property
+    def K(self) -> NoReturn:
+        raise Unsupported(f"the calibration of camera {self.name!r} is not given")
+
+    @property
+    def world_to_camera(self) -> NoReturn:
+        raise Unsupported(f"the calibration of camera {self.name!r} is not given")

@@ -17,7 +17,7 @@ import numpy as np
 
 from handbench.errors import Unsupported
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
-from handbench.scene import Light, Mesh, Prediction, Viewpoint
+from handbench.scene import Light, Mesh, Prediction, Viewpoint, needed
 
 from .. import physical, urhand
 from .skeleton import level_of
@@ -40,10 +40,11 @@ class TrackedAvatar(Avatar):
         self._inner, self._tracking, self._level = inner, tracking, level
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
-        if level_of(viewpoint.mesh) != self._level:
+        mesh, wrist = needed(viewpoint.mesh, "mesh"), needed(viewpoint.pose, "pose").translation
+        if level_of(mesh) != self._level:
             raise Unsupported(f"{viewpoint.pose_key} has a mesh of another resolution than the training frames")
         # a pose that does not belong to the mesh would be drawn somewhere else without a word
-        if np.linalg.norm(viewpoint.mesh.vertices.mean(axis=0) - viewpoint.pose.translation) > _APART:
+        if np.linalg.norm(mesh.vertices.mean(axis=0) - wrist) > _APART:
             raise Unsupported(f"the mesh of {viewpoint.pose_key} does not lie where its pose says")
         found = self._tracking.of(viewpoint)
         return PosedTracked(self._inner.pose(replace(viewpoint, mesh=found.mesh, pose=found.pose)), found.mesh)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from handbench.errors import Unsupported
 from handbench.hand import OpenHand
 from handbench.method import Recording
-from handbench.scene import Array, Pose
+from handbench.scene import Array, Pose, needed
 
 from .scan import Scan, scan
 from .skeleton import level_of, posed_points, regressor, rigid
@@ -51,18 +51,19 @@ def neutral(recording: Recording) -> Neutral:
     Raises `Unsupported` without fully lit frames, without depth, without a pose near rest, and for another hand model.
     """
     lit = full_frames(recording)
-    first = min(lit.frames, key=lambda frame: float(np.abs(frame.pose.joints).max()))
-    bent = float(np.abs(first.pose.joints).max())
+    first = min(lit.frames, key=lambda frame: float(np.abs(needed(frame.pose, "pose").joints).max()))
+    pose, mesh = needed(first.pose, "pose"), needed(first.mesh, "mesh")
+    bent = float(np.abs(pose.joints).max())
     if bent > _NEUTRAL:
         raise Unsupported(
             f"the geometry autoencoder needs a fully lit frame of {first.subject} in the neutral pose, and the nearest "
             f"({first.pose_name}) bends a joint by {np.degrees(bent):.0f}°"
         )
     views = [frame for frame in lit.frames if frame.pose_key == first.pose_key]
-    world = regressor(level_of(first.mesh)) @ first.mesh.vertices
-    placed = Rotation.from_rotvec(first.pose.rotation.copy()).as_matrix()
+    world = regressor(level_of(mesh)) @ mesh.vertices
+    placed = Rotation.from_rotvec(pose.rotation.copy()).as_matrix()
     aligned = _aligned(scan([(frame, lit.observe(frame)) for frame in views]), world)
-    return Neutral(*aligned, (world - first.pose.translation) @ placed)
+    return Neutral(*aligned, (world - pose.translation) @ placed)
 
 
 def _aligned(seen: Scan, points: Array) -> tuple[Scan, Array]:

@@ -11,7 +11,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from torch import Tensor
 
 from handbench.errors import Unsupported
-from handbench.scene import Array, Camera, Frame, Observation
+from handbench.scene import Array, Camera, Frame, Observation, needed
 from handbench.scene.colour import unclipped_srgb
 
 _SLOPE = 3.0  # depth over width: where a surface seems steeper, the pixels straddle an edge
@@ -49,7 +49,7 @@ def _unprojected(frame: Frame, seen: Observation) -> Scan:
     camera, depth = frame.camera, seen.depth
     pixel = depth / np.sqrt(camera.K[0, 0] * camera.K[1, 1])
     steep = maximum_filter(depth, 3) - minimum_filter(depth, 3) > 2.0 * _SLOPE * pixel  # three pixels are two steps
-    rows, columns = np.nonzero((seen.alpha > 0.999) & (depth > 0) & ~steep)
+    rows, columns = np.nonzero((needed(seen.alpha, "alpha") > 0.999) & (depth > 0) & ~steep)
     if not len(rows):
         raise Unsupported(f"the geometry autoencoder needs pictures of a hand, and {frame.key} shows none")
     points = camera.unproject(np.column_stack([columns, rows]) + 0.5, depth[rows, columns].astype(np.float64))

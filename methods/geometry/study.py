@@ -24,7 +24,7 @@ from handbench.method import Progress, Recording, silent
 from handbench.metrics.geometry.points import point_error
 from handbench.metrics.geometry.surface import mean, percentile95, surface_distances
 from handbench.registry import CAPTURES
-from handbench.scene import Array, Frame, Mesh
+from handbench.scene import Array, Frame, Mesh, needed
 
 from .neutral import full_frames, neutral
 from .scan import scan
@@ -68,7 +68,7 @@ def geometry_report(prior: GeometryPrior, enrolment: Recording, frames: Recordin
     found = []
     for frame in lit.frames:
         points = scan([(frame, lit.observe(frame))]).points
-        true = posed_points(rest[frame.subject], frame.pose)
+        true, recorded = posed_points(rest[frame.subject], needed(frame.pose, "pose")), needed(frame.mesh, "mesh")
         for row, (mesh, joints) in _geometries(frame, tracking).items():
             distances = surface_distances(mesh, points)
             found.append(
@@ -78,7 +78,7 @@ def geometry_report(prior: GeometryPrior, enrolment: Recording, frames: Recordin
                     surface_mean=mean(distances),
                     surface_p95=percentile95(distances),
                     joint=None if joints is None else point_error(joints, true),
-                    vertex=None if mesh is frame.mesh else point_error(mesh.vertices, frame.mesh.vertices),
+                    vertex=None if mesh is recorded else point_error(mesh.vertices, recorded.vertices),
                 )
             )
     return found
@@ -87,11 +87,12 @@ def geometry_report(prior: GeometryPrior, enrolment: Recording, frames: Recordin
 def _geometries(frame: Frame, tracking: Tracking) -> dict[str, tuple[Mesh, Array | None]]:
     """Mesh and key points (P, 3) of a frame by row."""
     hand, own = OpenHand.load(), tracking.of(frame)
-    template = hand.mesh(hand.neutral(), frame.pose, level_of(frame.mesh))
+    pose, recorded = needed(frame.pose, "pose"), needed(frame.mesh, "mesh")
+    template = hand.mesh(hand.neutral(), pose, level_of(recorded))
     return {
         "autoencoder": (own.mesh, own.points),
-        "template": (template, posed_points(hand.template.points, frame.pose)),
-        "tracked": (frame.mesh, None),
+        "template": (template, posed_points(hand.template.points, pose)),
+        "tracked": (recorded, None),
     }
 
 

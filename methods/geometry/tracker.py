@@ -12,7 +12,7 @@ from torch import Tensor
 from handbench.device import device
 from handbench.errors import NonFinite, Unsupported
 from handbench.method import Progress, Recording, silent
-from handbench.scene import Array, Frame, Mesh, Pose, Topology, Viewpoint
+from handbench.scene import Array, Frame, Mesh, Pose, Topology, Viewpoint, needed
 
 from ..nets.weights import load_state, save_state
 from .config import Config, configuration
@@ -68,7 +68,7 @@ class GeometryPrior:
         Raises `Unsupported` if there are none, `NonFinite` if the surface is not finite.
         """
         lit, model = full_frames(views), self.model
-        observed = person.neutral.observed(lit.frames[0].pose)
+        observed = person.neutral.observed(needed(lit.frames[0].pose, "pose"))
         told = model.told(person.shape, observed)
         added = [
             model.beyond(
@@ -76,7 +76,7 @@ class GeometryPrior:
             )
             for f in lit.frames
         ]
-        return self._tracked(person, told, torch.stack(added).mean(dim=0), lit.frames[0].mesh.topology)
+        return self._tracked(person, told, torch.stack(added).mean(dim=0), needed(lit.frames[0].mesh, "mesh").topology)
 
     @torch.no_grad()
     def follow(self, person: Person, pose: Pose, topology: Topology) -> Tracked:
@@ -115,7 +115,7 @@ class Tracker:
 
         Raises `Unsupported` if there are none, if they have no depth, or if a subject lacks a neutral pose.
         """
-        level = level_of(full_frames(recording).frames[0].mesh)
+        level = level_of(needed(full_frames(recording).frames[0].mesh, "mesh"))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             model = GeometryModel(self._config, level).to(device())
@@ -161,7 +161,7 @@ class Tracking:
         person = self._person(asked.subject)
         if views.frames:
             return self._prior.track(person, views)
-        return self._prior.follow(person, asked.pose, asked.mesh.topology)
+        return self._prior.follow(person, needed(asked.pose, "pose"), needed(asked.mesh, "mesh").topology)
 
     def _person(self, subject: str) -> Person:
         if subject not in self._persons:

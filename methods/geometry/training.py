@@ -12,7 +12,7 @@ from torch import Tensor
 
 from handbench.hand import OpenHand
 from handbench.method import Progress, Recording
-from handbench.scene import Array, Camera
+from handbench.scene import Array, Camera, needed
 
 from ..nets.engine import Player, fit
 from .model import GeometryModel
@@ -62,7 +62,7 @@ class Lesson:
             views = [(frame, lit.observe(frame)) for frame in lit.frames if frame.pose_key == pose]
             points = scan(views).points
             for frame, seen in views:
-                observed = self.neutrals[frame.subject].observed(frame.pose)
+                observed = self.neutrals[frame.subject].observed(needed(frame.pose, "pose"))
                 drawn = picture(seen.image, frame.camera, observed, model.config.image)
                 self.samples.append(_Sample(frame.subject, frame.camera, drawn, observed, points))
 

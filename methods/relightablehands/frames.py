@@ -18,7 +18,8 @@ def tangent_frames(posed: PosedSurface) -> Tensor:
     and the bitangent with it, where the triangle has no area.
     """
     topology, atlas = posed.mesh.topology, posed.atlas
-    corners, uv = posed.mesh.vertices[topology.faces], topology.uvs[topology.uv_faces]
+    uvs, uv_faces = topology.unwrapped
+    corners, uv = posed.mesh.vertices[topology.faces], uvs[uv_faces]
     (edge_a, edge_b), (a, b) = ((p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]) for p in (corners, uv))
     turn = np.sign(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[:, None]
     along = turn * (edge_a * b[:, 1:] - edge_b * a[:, 1:])  # ∂x/∂u up to a positive factor

@@ -16,7 +16,7 @@ from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.render.posed import PosedSurface
 from handbench.render.raster import rasterise
-from handbench.scene import Array, Light, Prediction, Viewpoint
+from handbench.scene import Array, Light, Prediction, Viewpoint, needed
 from handbench.skips import note, skips
 
 from ..nets.weights import load_state, save_state
@@ -55,9 +55,9 @@ class PosedRelightableHands(PosedAvatar):
     @torch.no_grad()
     def __init__(self, model: RelightableHandsModel, viewpoint: Viewpoint) -> None:
         self._model = model
-        self._surface = PosedSurface(viewpoint.mesh, model.config.texture)
+        self._surface = PosedSurface(needed(viewpoint.mesh, "mesh"), model.config.texture)
         self._raster = rasterise(self._surface.mesh, viewpoint.camera)
-        self._seen = Seen.of(self._surface, viewpoint.camera.centre, viewpoint.pose.joints)
+        self._seen = Seen.of(self._surface, viewpoint.camera.centre, needed(viewpoint.pose, "pose").joints)
         self._kept: OrderedDict[bytes, Tensor] = OrderedDict()  # by direction
 
     @torch.no_grad()

@@ -15,7 +15,7 @@ from handbench.light.lightset import light_samples
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.render.posed import PosedSurface
 from handbench.render.raster import rasterise
-from handbench.scene import KNOWN_LIGHTS, Light, Prediction, Viewpoint
+from handbench.scene import KNOWN_LIGHTS, Light, Prediction, Viewpoint, needed
 
 from ..ablations import ABLATIONS
 from ..nets.weights import load_state, save_state
@@ -54,10 +54,10 @@ class PosedURHand(PosedAvatar):
     @torch.no_grad()  # not inference_mode: the atlas is shared with training
     def __init__(self, model: URHandModel, texture: Tensor, viewpoint: Viewpoint) -> None:
         self._model, self._texture = model, texture
-        self._surface = PosedSurface(viewpoint.mesh, model.config.texture)
+        self._surface = PosedSurface(needed(viewpoint.mesh, "mesh"), model.config.texture)
         self._raster = rasterise(self._surface.mesh, viewpoint.camera)
         self._centre = viewpoint.camera.centre
-        joints = torch.from_numpy(viewpoint.pose.joints.copy()).float()
+        joints = torch.from_numpy(needed(viewpoint.pose, "pose").joints.copy()).float()
         self._material = model.material(texture, joints, self._surface)
 
     @torch.no_grad()
@@ -98,7 +98,7 @@ class URHand(Method):
     def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
         if not recording.frames:
             raise InputError("urhand: there are no training frames; check the protocol's [train] selection")
-        joints = len(recording.frames[0].pose.joints)
+        joints = len(needed(recording.frames[0].pose, "pose").joints)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             model = URHandModel(self._config, joints).to(device())

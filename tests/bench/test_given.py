@@ -17,7 +17,9 @@ def enrolled(fakes, toy_protocol):
     def enrolled(universal: bool = True, truth: bool = False, **enrol: object) -> list[str]:
         capture = fakes.ToyCapture()
         protocol = toy_protocol(enrol={"segments": ["train"], "kinds": ["full"], **enrol})
-        info = MethodInfo("m", "M", "for tests", universal=universal, truth=truth)
+        info = MethodInfo(
+            "m", "M", "for tests", universal=universal, role="calibration" if truth else "method", truth=truth
+        )
         seen = given.enrolment(resolve(protocol, capture.frames()), info, "s01", capture.observe)
         return [frame.key for frame in seen.frames]
 

@@ -12,7 +12,7 @@ from typing import assert_never
 
 import numpy as np
 
-from ...scene import Directional, Environment, Frame, Light, Point, Single, Unknown, leaves
+from ...scene import Directional, Environment, Frame, Light, Point, Single, Unknown, leaves, needed
 from ..protocol import Selection
 from .evidence import Evidence
 from .records import told
@@ -73,12 +73,12 @@ def _common_poses(scored: Iterable[Frame], seen: Iterable[Frame]) -> list[str]:
 
 
 def _same_joints(one: Frame, other: Frame) -> bool:
-    a, b = one.pose.joints, other.pose.joints
+    a, b = needed(one.pose, "pose").joints, needed(other.pose, "pose").joints
     return a.shape == b.shape and float(np.abs(a - b).max()) < _NEAR
 
 
 def _same_mesh(one: Frame, other: Frame) -> bool:
-    return np.array_equal(one.mesh.vertices, other.mesh.vertices)
+    return np.array_equal(needed(one.mesh, "mesh").vertices, needed(other.mesh, "mesh").vertices)
 
 
 def _common_lights(scored: Iterable[Frame], seen: Iterable[Frame]) -> list[str]:

@@ -18,7 +18,7 @@ from ...light.reduction import reduced
 from ...method import Avatar, Prior
 from ...recording import Recording
 from ...registry import CAPTURES, METHODS
-from ...scene import Directional, Environment, Frame, Group, Query
+from ...scene import Directional, Environment, Frame, Group, Query, needed
 from ...skips import NONE, Skips, skipping
 from .. import given
 from ..protocol import Protocol, Selected, resolve
@@ -92,7 +92,7 @@ def _poses(query: Query, pose: str) -> Callable[[int], Query]:
     """Queries of a pose nobody has seen, or of the same one again and again."""
     if pose == "known":
         return lambda step: query
-    return lambda step: replace(query, mesh=moved(query.mesh, step + 1))
+    return lambda step: replace(query, mesh=moved(needed(query.mesh, "mesh"), step + 1))
 
 
 def _settings(prior: Prior) -> list[tuple[str, str, Any]]:

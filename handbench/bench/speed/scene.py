@@ -40,8 +40,7 @@ class Scene:
         for array in (
             self.mesh.vertices,
             topology.faces,
-            topology.uvs,
-            topology.uv_faces,
+            *topology.unwrapped,
             self.camera.K,
             self.camera.world_to_camera,
             self.environment.radiance,

@@ -18,7 +18,7 @@ from ...hand import hand_of
 from ...light.stage import stage_directions
 from ...method import Recording
 from ...registry import METHODS
-from ...scene import Array, Camera, Directional, Environment, Group, Light, Mesh, Observation, Point, Query
+from ...scene import Array, Camera, Directional, Environment, Group, Light, Mesh, Observation, Point, Query, needed
 from .case import Case
 from .outcome import Compared, Expected, equal, finite, finite_or, or_refused, refused
 from .scenes import WHITE, camera, crumpled, flipped, moved, pointlike, torn, unit
@@ -137,10 +137,14 @@ def _lights() -> dict[str, Light]:
     }
 
 
+def _mesh(query: Query) -> Mesh:
+    return needed(query.mesh, "mesh")
+
+
 def _touching(query: Query) -> Query:
     """A light exactly on the vertex that is nearest to the camera."""
-    distance = np.linalg.norm(query.mesh.vertices - query.camera.centre, axis=1)
-    return _under(Point(query.mesh.vertices[distance.argmin()], WHITE), query)
+    distance = np.linalg.norm(_mesh(query).vertices - query.camera.centre, axis=1)
+    return _under(Point(_mesh(query).vertices[distance.argmin()], WHITE), query)
 
 
 def _proportional(name: str, factor: float) -> Any:
@@ -166,14 +170,14 @@ def _dark(name: str) -> Any:
 
 def _queries() -> dict[str, Callable[[Query], Query]]:
     return {
-        "camera in the hand": lambda query: _seen_by(query, query.mesh.vertices.mean(axis=0)),
-        "camera on a vertex": lambda query: _seen_by(query, query.mesh.vertices[100]),
+        "camera in the hand": lambda query: _seen_by(query, _mesh(query).vertices.mean(axis=0)),
+        "camera on a vertex": lambda query: _seen_by(query, _mesh(query).vertices[100]),
         "picture of one pixel": lambda query: _seen_by(query, query.camera.centre, 1),
         "camera 10 km off": lambda query: _seen_by(query, 1e4 * unit(query.camera.centre)),
-        "degenerate triangles": lambda query: _of_mesh(query, crumpled(query.mesh)),
-        "hand in one point": lambda query: _of_mesh(query, pointlike(query.mesh)),
-        "inverted normals": lambda query: _of_mesh(query, flipped(query.mesh)),
-        "duplicate vertices": lambda query: _of_mesh(query, torn(query.mesh)),
+        "degenerate triangles": lambda query: _of_mesh(query, crumpled(_mesh(query))),
+        "hand in one point": lambda query: _of_mesh(query, pointlike(_mesh(query))),
+        "inverted normals": lambda query: _of_mesh(query, flipped(_mesh(query))),
+        "duplicate vertices": lambda query: _of_mesh(query, torn(_mesh(query))),
         "hand of 1e-3 its size": partial(_resized, scale=1e-3),
         "hand of 1e3 its size": partial(_resized, scale=1e3),
         "self-intersecting pose": partial(_bent, factor=2.5),
@@ -186,7 +190,7 @@ def _of_mesh(query: Query, mesh: Mesh, seen_by: Camera | None = None) -> Query:
 
 
 def _seen_by(query: Query, eye: Array, size: int = 48) -> Query:
-    target = query.mesh.vertices.mean(axis=0)
+    target = _mesh(query).vertices.mean(axis=0)
     target = target if np.linalg.norm(target - eye) > 1e-6 else target + np.array([0.0, 0.0, 1.0])
     return replace(query, camera=camera(eye, target, size), lighting="stress")
 
@@ -195,15 +199,15 @@ def _resized(query: Query, scale: float) -> Query:
     """The hand and its camera scaled about the origin."""
     old = query.camera
     moved_camera = replace(old, world_to_camera=old.world_to_camera * [1.0, 1.0, 1.0, scale])
-    return _of_mesh(query, moved(query.mesh, scale), moved_camera)
+    return _of_mesh(query, moved(_mesh(query), scale), moved_camera)
 
 
 def _bent(query: Query, factor: float) -> Query:
     """The neutral hand in the query's pose bent by a factor, over the capture's topology."""
-    model, level = hand_of(query.mesh.topology)
-    pose = replace(query.pose, joints=query.pose.joints * factor)
+    (model, level), pose = hand_of(_mesh(query).topology), needed(query.pose, "pose")
+    pose = replace(pose, joints=pose.joints * factor)
     mesh = model.mesh(model.neutral(), pose, level)
-    return replace(_of_mesh(query, Mesh(mesh.vertices, query.mesh.topology)), pose=pose)
+    return replace(_of_mesh(query, Mesh(mesh.vertices, _mesh(query).topology)), pose=pose)
 
 
 def _shifted(name: str, distance: float) -> Any:
@@ -214,7 +218,7 @@ def _shifted(name: str, distance: float) -> Any:
     matrix = query.camera.world_to_camera
     rotation = matrix[:, :3]
     away = np.column_stack([rotation, matrix[:, 3] - rotation @ shift])
-    mesh = Mesh(query.mesh.vertices + shift, query.mesh.topology)
+    mesh = Mesh(_mesh(query).vertices + shift, _mesh(query).topology)
     far = trained.draw(_of_mesh(query, mesh, replace(query.camera, world_to_camera=away)))
     return Compared(far.image, trained.draw(query).image, "mean")
 
@@ -223,7 +227,7 @@ def _out_of_picture(name: str) -> Any:
     trained = trained_method(name)
     query = trained.frame.query
     eye = query.camera.centre
-    beside = camera(eye, eye + (eye - query.mesh.vertices.mean(axis=0)), 48)
+    beside = camera(eye, eye + (eye - _mesh(query).vertices.mean(axis=0)), 48)
     drawn = trained.draw(replace(query, camera=beside, lighting="stress"))
     return Compared(drawn, (np.zeros_like(drawn.image), np.zeros_like(drawn.alpha)))
 

@@ -154,7 +154,7 @@ def _with_uvs(uvs: Array) -> Topology:
 
 def _broken() -> dict[str, Callable[[], Topology]]:
     """Topologies of which nothing can be drawn."""
-    uvs = hand().topology.uvs
+    uvs = hand().topology.unwrapped[0]
     poisoned = uvs.copy()
     poisoned[0] = np.nan
     none = np.zeros((0, 3), dtype=int)
@@ -163,7 +163,8 @@ def _broken() -> dict[str, Callable[[], Topology]]:
         "all UVs on one line": lambda: _with_uvs(uvs * [1.0, 0.0] + [0.0, 0.31]),
         "all UVs outside the texture": lambda: _with_uvs(uvs + 5.0),
         "NaN in UVs": lambda: _with_uvs(poisoned),
-        "no UVs": lambda: _with_uvs(np.zeros((0, 2))),
+        "empty UVs": lambda: _with_uvs(np.zeros((0, 2))),
+        "no UVs": lambda: Topology(hand().topology.faces),
         "no faces": lambda: Topology(none, uvs, none),
         "faces beyond the UVs": lambda: Topology(np.array([[0, 1, 2]]), uvs[:2], np.array([[0, 1, 2]])),
         "negative faces": lambda: Topology(np.array([[0, 1, 2]]), uvs, np.array([[0, 1, -2]])),
@@ -172,9 +173,9 @@ def _broken() -> dict[str, Callable[[], Topology]]:
 
 def _odd() -> dict[str, Callable[[], Topology]]:
     """Topologies that can be drawn in part."""
-    uvs = hand().topology.uvs
+    uvs, uv_faces = hand().topology.unwrapped
     collapsed = uvs.copy()
-    collapsed[hand().topology.uv_faces[::5].ravel()] = 0.5
+    collapsed[uv_faces[::5].ravel()] = 0.5
     return {
         "a fifth of the UV triangles without area": lambda: _with_uvs(collapsed),
         "mirrored UVs": lambda: _with_uvs(1.0 - uvs),

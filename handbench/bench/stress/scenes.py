@@ -120,8 +120,8 @@ def moved(mesh: Mesh, scale: float = 1.0, shift: float = 0.0) -> Mesh:
 
 def flipped(mesh: Mesh) -> Mesh:
     """The mesh with its faces turned inside out."""
-    topology = mesh.topology
-    return Mesh(mesh.vertices, Topology(topology.faces[:, ::-1], topology.uvs, topology.uv_faces[:, ::-1]))
+    uvs, uv_faces = mesh.topology.unwrapped
+    return Mesh(mesh.vertices, Topology(mesh.topology.faces[:, ::-1], uvs, uv_faces[:, ::-1]))
 
 
 def torn(mesh: Mesh) -> Mesh:

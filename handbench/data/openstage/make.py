@@ -91,9 +91,9 @@ def _variant(folder: Path, available: str) -> str:
 def _save_shared(production: _Production) -> None:
     """Topology and environments: what all views have in common."""
     topology = production.hand.topology(production.preset.tracked_level)
-    uvs = topology.uvs.astype(np.float32)
+    uvs, uv_faces = topology.unwrapped
     with whole(production.folder / "topology.npz") as part, part.open("wb") as file:
-        np.savez_compressed(file, faces=topology.faces, uvs=uvs, uv_faces=topology.uv_faces)
+        np.savez_compressed(file, faces=topology.faces, uvs=uvs.astype(np.float32), uv_faces=uv_faces)
     place = production.folder / "environments"
     place.mkdir(exist_ok=True)
     for lighting in production.lights:

@@ -22,7 +22,7 @@ import numpy as np
 from ...errors import InputError
 from ...files import writing
 from ...method import Progress, silent
-from ...scene import Camera, Directional, Environment, Frame, Group, Light, Observation, Point, Unknown
+from ...scene import Camera, Directional, Environment, Frame, Group, Light, Mesh, Observation, Point, Unknown
 from ..exr import rgb, write_exr
 from .folder import ASKED, Asked, picture_path
 from .manifest import MANIFEST
@@ -70,15 +70,23 @@ class _Tables:
 
     def _pose(self, frame: Frame) -> dict[str, Any]:
         path = f"{ASKED}/meshes/{frame.pose_key}.npz"
-        mesh, topology = frame.mesh, frame.mesh.topology
+        told: dict[str, Any] = {}
+        if frame.mesh is not None:
+            self._mesh(path, frame.mesh)
+            told["mesh"] = path
+        if (pose := frame.pose) is not None:
+            values = {"joints": pose.joints, "rotation": pose.rotation, "translation": pose.translation}
+            told |= {name: value.tolist() for name, value in values.items()}
+        return told
+
+    def _mesh(self, path: str, mesh: Mesh) -> None:
+        topology = mesh.topology
+        arrays: dict[str, Any] = {"vertices": mesh.vertices, "faces": topology.faces}
+        if topology.uvs is not None and topology.uv_faces is not None:
+            arrays |= {"uvs": topology.uvs, "uv_faces": topology.uv_faces}
         place = self.folder / path
         place.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(
-            place, vertices=mesh.vertices, faces=topology.faces, uvs=topology.uvs, uv_faces=topology.uv_faces
-        )
-        pose = frame.pose
-        values = {"joints": pose.joints, "rotation": pose.rotation, "translation": pose.translation}
-        return {"mesh": path, **{name: value.tolist() for name, value in values.items()}}
+        np.savez_compressed(place, **arrays)
 
     def _light(self, light: Light) -> dict[str, Any]:
         match light:
@@ -157,7 +165,8 @@ def write_template(
 def _write_image(path: Path, observe: Callable[[Frame], Observation], frame: Frame) -> None:
     observation = observe(frame)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_exr(path, {**rgb(observation.image, dtype=np.float32), "A": observation.alpha})
+    alpha = {} if observation.alpha is None else {"A": observation.alpha}
+    write_exr(path, {**rgb(observation.image, dtype=np.float32), **alpha})
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
