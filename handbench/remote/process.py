@@ -84,7 +84,7 @@ class Worker:
             raise InputError(f"interpreter {python} cannot be started ({error.strerror}); check its path") from error
         finally:
             there.close()
-        self._channel = Channel(here, self._watch)
+        self._channel = Channel(here, self._watch, self._check_time)  # also of one that keeps talking
         self._end = weakref.finalize(self, _end, self._process, here, self._said, os.getpid())
 
     @property
@@ -157,11 +157,14 @@ class Worker:
 
     def _watch(self) -> None:
         """Called while nothing comes."""
+        self._check_time()
+        if self._process.poll() is not None:
+            raise Closed("the process has ended")
+
+    def _check_time(self) -> None:
         name, limit, until = self._deadline
         if time.monotonic() > until:
             raise WorkerFailed(f"no answer to {name} within {limit:g} s; the process was killed")
-        if self._process.poll() is not None:
-            raise Closed("the process has ended")
 
     def _failure(self, name: str, error: Closed | Garbled) -> str:
         """Why there is no answer."""

@@ -109,11 +109,20 @@ class Codec:
 
 
 class Channel:
-    """One end of a connection. While it waits, `watch` is called every now and then and may raise to end the wait."""
+    """One end of a connection.
 
-    def __init__(self, connection: socket.socket, watch: Callable[[], None] | None = None) -> None:
+    `watch` is called every now and then while nothing comes, `pace` with every piece that does; both may raise to end
+    the wait.
+    """
+
+    def __init__(
+        self,
+        connection: socket.socket,
+        watch: Callable[[], None] | None = None,
+        pace: Callable[[], None] | None = None,
+    ) -> None:
         self._socket = connection
-        self._watch = watch
+        self._watch, self._pace = watch, pace
         self._socket.settimeout(_TICK if watch else None)
         self._codec = Codec()
 
@@ -126,7 +135,7 @@ class Channel:
             self._write(_bytes(np.ascontiguousarray(array)))
 
     def receive(self) -> Any:
-        """The next message. Raises `Closed`, `Garbled`, and what `watch` raises."""
+        """The next message. Raises `Closed`, `Garbled`, and what `watch` and `pace` raise."""
         size = bytearray(8)
         self._read(memoryview(size))
         length = int.from_bytes(size, "little")
@@ -172,6 +181,8 @@ class Channel:
                 raise Closed(str(error)) from error
             if not got:
                 raise Closed("end of file")
+            if self._pace:
+                self._pace()
             rest = rest[got:]
 
     def _look(self) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
-from collections.abc import Mapping
-from contextlib import suppress
-from typing import Any, TypeAlias
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias, TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -16,8 +16,10 @@ from torch import Tensor, nn
 from handbench.checkpoint import Checkpoints, checkpoints
 from handbench.errors import StorageError
 from handbench.files import whole
+from handbench.terminal import complain
 
 Part: TypeAlias = tuple[nn.Module, torch.optim.Optimizer]
+T = TypeVar("T")
 
 EVERY = 30.0
 """Seconds between two checkpoints: when one is written changes no result, only what a kill costs."""
@@ -47,33 +49,57 @@ class Checkpoint:
             tensors |= {f"{name}/{key}": value for key, value in module.state_dict().items()}
             for index, moments in optimiser.state_dict()["state"].items():
                 tensors |= {f"{name}/adam/{index}/{key}": value for key, value in moments.items()}
-        told = {**about, "seconds": self._earlier + time.monotonic() - self._start}
+        tensors = {name: value.contiguous() for name, value in tensors.items()}
+        told = json.dumps({**about, "seconds": self._earlier + time.monotonic() - self._start})
+        metadata = {"about": told, "digest": _digest(told, tensors)}
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             with whole(self._path) as part:
-                save_file({k: v.contiguous() for k, v in tensors.items()}, part, {"about": json.dumps(told)})
+                save_file(tensors, part, metadata)
         except (OSError, SafetensorError) as error:  # safetensors has its own word for a full disk
             raise StorageError(f"{self._path} cannot be written ({error}); free some space") from error
         self._last = time.monotonic()
 
-    def read(self) -> dict[str, Any] | None:
-        """Put the kept state into modules and optimisers and return what was told with it.
+    def read(self, parse: Callable[[dict[str, Any]], T]) -> T | None:
+        """Put the kept state into modules and optimisers, and return what `parse` makes of what was told with it.
 
-        None if there is none, or if it is damaged or does not fit: the training then starts anew.
+        None if there is none, or if it is damaged or does not fit, which is told: the training then starts anew.
+        `parse` raises `KeyError`, `TypeError` or `ValueError` for what does not fit.
         """
-        with suppress(OSError, SafetensorError, ValueError, KeyError):
-            with safe_open(self._path, framework="pt") as file:
-                about: dict[str, Any] = json.loads(file.metadata()["about"])
-            tensors = load_file(self._path)
-            earlier = float(about["seconds"])
-            states = [_state(name, *part, tensors) for name, part in self._parts.items()]  # before anything is changed
-            for (module, optimiser), (weights, moments) in zip(self._parts.values(), states, strict=True):
-                module.load_state_dict(weights)
-                optimiser.load_state_dict({**optimiser.state_dict(), "state": moments})
-            self._earlier = earlier
-            self._kept.earlier_s += earlier
-            return about
-        return None
+        try:
+            return self._read(parse)
+        except FileNotFoundError:
+            return None
+        except (OSError, SafetensorError, ValueError, KeyError, TypeError, AttributeError, RuntimeError) as error:
+            why = " ".join(f"{type(error).__name__}: {error}".split())
+            complain(f"handbench: checkpoint {self._path} cannot be used ({why}); the training starts anew")
+            return None
+
+    def _read(self, parse: Callable[[dict[str, Any]], T]) -> T:
+        with safe_open(self._path, framework="pt") as file:
+            metadata = file.metadata()
+        tensors = load_file(self._path)
+        if metadata["digest"] != _digest(metadata["about"], tensors):
+            raise ValueError("its content is not what was written")
+        about: dict[str, Any] = json.loads(metadata["about"])
+        parsed, earlier = parse(about), float(about["seconds"])
+        if not all(value.isfinite().all() for value in tensors.values()):
+            raise ValueError("it holds NaN or infinity")
+        states = [_state(name, *part, tensors) for name, part in self._parts.items()]  # before anything is changed
+        for (module, optimiser), (weights, moments) in zip(self._parts.values(), states, strict=True):
+            module.load_state_dict(weights)
+            optimiser.load_state_dict({**optimiser.state_dict(), "state": moments})
+        self._earlier = earlier
+        self._kept.earlier_s += earlier
+        return parsed
+
+
+def _digest(about: str, tensors: Mapping[str, Tensor]) -> str:
+    content = hashlib.blake2b(about.encode(), digest_size=16)
+    for name, value in sorted(tensors.items()):
+        content.update(f"{name} {value.dtype} {tuple(value.shape)}".encode())
+        content.update(value.detach().cpu().reshape(-1).view(torch.uint8).numpy().data)
+    return content.hexdigest()
 
 
 def _state(

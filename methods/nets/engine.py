@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import TypeAlias
+from functools import lru_cache, partial
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -110,6 +110,22 @@ class _State:
     means: dict[str, float] = field(default_factory=dict)
     told: list[tuple[int, dict[str, float]]] = field(default_factory=list)
 
+    @staticmethod
+    def parse(about: Mapping[str, Any], steps: int) -> _State:
+        """The state that a checkpoint tells. Raises `KeyError`, `TypeError` or `ValueError` for one that cannot be."""
+        step = about["step"]
+        if type(step) is not int or not 0 < step <= steps:
+            raise ValueError(f"its step is {step!r} of {steps}")
+        told = [(int(at), _finite(values)) for at, values in about["told"]]
+        return _State(step, _finite(about["means"]), told)
+
+
+def _finite(values: Mapping[str, float]) -> dict[str, float]:
+    found = {str(name): float(value) for name, value in values.items()}
+    if not np.isfinite([*found.values()]).all():
+        raise ValueError("its losses hold NaN or infinity")
+    return found
+
 
 def fit(name: str, players: Sequence[Player], samples: int, budget: Budget, seed: int, progress: Progress) -> None:
     """Train the players in place on samples 0 … samples - 1, each once before any comes again.
@@ -125,8 +141,8 @@ def fit(name: str, players: Sequence[Player], samples: int, budget: Budget, seed
         player.name: (player.module, optimiser.adam) for player, optimiser in zip(players, optimisers, strict=True)
     }
     checkpoint = Checkpoint.of(name, parts)
-    if checkpoint is not None and (kept := checkpoint.read()) is not None:
-        state = _State(kept["step"], kept["means"], [(step, values) for step, values in kept["told"]])
+    if checkpoint is not None and (kept := checkpoint.read(partial(_State.parse, steps=budget.steps))) is not None:
+        state = kept
         for step, values in state.told:
             progress(step, budget.steps, **values)
     while state.step < budget.steps:

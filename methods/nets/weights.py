@@ -29,7 +29,8 @@ def save_state(folder: Path, method: str, config: Mapping[str, Any], state: Mapp
 def load_state(folder: Path, method: str, config: Mapping[str, Any]) -> dict[str, Tensor]:
     """The tensors that `save_state` wrote.
 
-    Raises `InputError` if the file is missing, damaged, or of another method, version or configuration.
+    Raises `InputError` if the file is missing, damaged, or of another method, version or configuration, and if a value
+    is not finite.
     """
     path = folder / _FILE
     try:
@@ -44,4 +45,6 @@ def load_state(folder: Path, method: str, config: Mapping[str, Any]) -> dict[str
     wanted = json.dumps(config, sort_keys=True)
     if metadata.get("config") != wanted:
         raise InputError(f"weights {path} were trained with {metadata.get('config')}, asked for {wanted}; train again")
+    if odd := [name for name, tensor in state.items() if not tensor.isfinite().all()]:
+        raise InputError(f"weights {path} hold NaN or infinity in {odd[0]}; train again")
     return state

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from handbench.checkpoint import checkpoints_in
@@ -111,6 +115,49 @@ def test_a_damaged_or_foreign_checkpoint_starts_anew(tmp_path: Path, monkeypatch
             assert again.calls == whole.calls
             assert all(torch.equal(a, b) for a, b in zip(whole.weights, again.weights, strict=True))
     assert [path.name for path in tmp_path.iterdir()] == ["game.safetensors"]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"step": None},
+        {"step": "10"},
+        {"step": 10**9},
+        {"step": 0},
+        {"step": True},
+        {"means": 3},
+        {"means": {"l1": None}},
+        {"means": {"l1": float("nan")}},
+        {"told": [[1]]},
+        {"seconds": []},
+        {"weights": float("nan")},
+        {"digest": "0" * 32},
+        {"about": "[]"},
+    ],
+    ids=str,
+)
+def test_a_checkpoint_that_cannot_be_starts_anew_with_a_word(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, wrong: dict[str, Any]
+) -> None:
+    monkeypatch.setattr(checkpoint, "EVERY", 0.0)
+    whole = Game()
+    with checkpoints_in(tmp_path):
+        whole.play()
+        file = tmp_path / "game.safetensors"
+        with safe_open(file, framework="pt") as opened:
+            about = json.loads(opened.metadata()["about"])
+        tensors = load_file(file)
+        if "weights" in wrong:
+            next(iter(tensors.values())).view(-1)[0] = wrong["weights"]
+        changed = {name: value for name, value in {**about, **wrong}.items() if value is not None}
+        told = wrong.get("about", json.dumps(changed))
+        digest = wrong.get("digest", checkpoint._digest(told, tensors))
+        save_file(tensors, file, {"about": told, "digest": digest})
+        again = Game()
+        again.play()
+    assert again.calls == whole.calls
+    assert all(torch.equal(a, b) for a, b in zip(whole.weights, again.weights, strict=True))
+    assert "game.safetensors cannot be used (" in capsys.readouterr().err
 
 
 def test_the_rate_rises_then_falls_to_its_last_value() -> None:

@@ -145,6 +145,12 @@ def test_what_is_no_longer_held_here_is_let_go_there(remote, frames):
             "failed: no answer to relight within 0.6 s; the process was killed",
         ),
         ({"train": "hang"}, {"train_s": "0.6"}, "failed: no answer to train within 0.6 s; the process was killed"),
+        ({"train": "flood"}, {"train_s": "0.6"}, "failed: no answer to train within 0.6 s; the process was killed"),
+        (
+            {"relight": "trickle"},
+            {"relight_s": "0.6"},
+            "failed: no answer to relight within 0.6 s; the process was killed",
+        ),
         ({"personalise": "hang"}, {"personalise_s": "0.6"}, "failed: no answer to personalise within 0.6 s"),
         (
             {"relight": "exit"},

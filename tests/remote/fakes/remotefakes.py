@@ -46,6 +46,15 @@ def misbehave(how: str) -> None:
         case "half":  # the start of a message whose rest never comes
             _write_everywhere((1000).to_bytes(8, "little") + b"{")
             time.sleep(600)
+        case "flood":
+            while True:
+                told = {"dict": {"progress": [1, 2, {"dict": {}}]}}
+                _write_everywhere(_message({"gone": [], "content": told, "arrays": []}))
+        case "trickle":
+            _write_everywhere((1 << 20).to_bytes(8, "little"))
+            while True:
+                _write_everywhere(b" ")
+                time.sleep(0.02)
         case "no-json":
             _write_everywhere((4).to_bytes(8, "little") + b"????")
             time.sleep(600)
