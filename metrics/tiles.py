@@ -12,7 +12,6 @@ from dataclasses import dataclass
 LARGEST = 1 << 20  # pixels that go through in one piece: VGG-16 takes about 1 kB for each
 SIDE = 768
 MARGIN = 112  # the fifth stage of VGG-16 with windows of 3 pixels for pooling sees 105 pixels around, AlexNet 93
-STRIDE = 16
 
 
 @dataclass(frozen=True)
