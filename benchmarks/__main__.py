@@ -15,6 +15,7 @@ from handbench.bench.provenance import device
 from .command_line import cached_run, start_up
 from .measure import Measurement
 from .metrics import scoring
+from .poses import poses
 from .shading import shading
 from .urhand import urhand
 from .whole import whole_run
@@ -29,7 +30,7 @@ def main() -> None:
     )
     parser.add_argument("--whole", action="store_true", help="also generate and run `quick` from nothing; many minutes")
     arguments = parser.parse_args()
-    found = [*start_up(), *shading(), *scoring(), *urhand(arguments.size), *cached_run()]
+    found = [*start_up(), *shading(), *scoring(), *urhand(arguments.size), *poses(arguments.size), *cached_run()]
     if arguments.whole:
         found += whole_run()
     content = {"device": device(), "measurements": [asdict(measurement) for measurement in found]}

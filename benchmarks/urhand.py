@@ -1,4 +1,4 @@
-"""URHand at texture 128: a training step, and a relit frame of a new and of a known pose."""
+"""URHand at texture 128: a training step, and what its networks cost under many lights."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import torch
 from handbench.bench.protocol import resolve
 from handbench.bench.run import find_protocol
 from handbench.light.lightset import LightSet
-from handbench.method import Avatar, Recording
 from handbench.methods.urhand import lighting
 from handbench.methods.urhand.config import Config, configuration
 from handbench.methods.urhand.method import URHand, URHandPrior
+from handbench.recording import Recording
 from handbench.registry import CAPTURES
 from handbench.render.posed import PosedSurface
 from handbench.scene import Frame
@@ -24,27 +24,21 @@ from handbench.scene import Frame
 from .measure import Measurement, seconds, summary
 
 STEPS = 240
-REPEATS = 15
 PROTOCOLS = {"mini": "smoke", "quick": "quick"}
 
 
 def urhand(size: str) -> list[Measurement]:
-    """Train a few steps on one subject of an openstage capture, generated if missing, and relight it."""
+    """Train a few steps on one subject of an openstage capture, generated if missing."""
     capture = CAPTURES.load("openstage")(size)
     selected = resolve(find_protocol(PROTOCOLS[size]), capture.frames())
     subject = selected.train[0].subject
     training = Recording([f for f in selected.train if f.subject == subject], capture.observe)
-    enrolment = Recording([f for f in selected.enrol if f.subject == subject], capture.observe)
     config = replace(configuration("quick"), steps=STEPS)
     _, alone = _train(replace(config, adversarial=0.0), training)
     prior, together = _train(config, training)
-    avatar = prior.personalise(enrolment)
-    frames = {frame.kind: frame for frames in selected.scored.values() for frame in frames if frame.subject == subject}
-    relit = [m for kind, frame in sorted(frames.items()) for m in _relight(avatar, kind, frame)]
     return [
         summary("urhand training step, texture 128, no discriminator", "ms", alone, goal=60),
         summary("urhand training step, texture 128, with discriminator", "ms", together, goal=120),
-        *relit,
         *_networks(prior, training.frames[0]),
     ]
 
@@ -74,18 +68,9 @@ def _networks(prior: URHandPrior, frame: Frame) -> list[Measurement]:
             towards /= np.linalg.norm(towards, axis=1, keepdims=True)
             lights = LightSet(towards, np.full((count, 3), 1.0 / count), np.zeros((0, 3)), np.zeros((0, 3)))
             surface = (material.normal, material.roughness, posed, frame.camera.centre)
-            features = lighting.features(model.config, *surface, lights, posed.visibility(lights))
+            features = lighting.Shading(model.config, *surface).features(lights, posed.visibility(lights))
             times[count] = seconds(partial(model.colour, features, lights, material, texture, posed.atlas), 40)[10:]
     for count in (32, 512):
         ratios = [many / one for many, one in zip(sorted(times[count]), sorted(times[1]), strict=True)]
         found.append(summary(f"urhand networks, {count} lights against 1", "", ratios, goal=1.1))
     return found
-
-
-def _relight(avatar: Avatar, kind: str, frame: Frame) -> list[Measurement]:
-    new = [1e3 * s for s in seconds(lambda: avatar.relight(frame.query), 1)]
-    known = [1e3 * s for s in seconds(lambda: avatar.relight(frame.query), REPEATS)]
-    return [
-        summary(f"urhand relit frame, {kind}, first", "ms", new),
-        summary(f"urhand relit frame, {kind}, known pose", "ms", known, goal=40),
-    ]

@@ -18,10 +18,11 @@ from torch import Tensor
 from handbench.data.texture import mean_texture
 from handbench.errors import InputError, Unsupported, unknown_name
 from handbench.light.lightset import LightSet, light_samples
+from handbench.light.spread import ENVIRONMENT_ERROR
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.render.posed import PosedSurface
 from handbench.render.raster import Raster, rasterise
-from handbench.render.shading import Model, light_features
+from handbench.render.shading import KnownSurface, Model
 from handbench.scene import Array, Frame, Light, Prediction, Viewpoint, needed
 from handbench.skips import note, skips
 
@@ -31,17 +32,25 @@ from .picture import prediction
 
 @dataclass(frozen=True)
 class ReflectanceConfig:
-    """Texture size in texels; roughness values to choose from; how many training frames the fit looks at."""
+    """The settings of a reflectance method.
+
+    texture             side of the texture in texels
+    roughness           values to choose from
+    fit_frames          how many training frames the fit looks at
+    environment_error   how far lights of an environment may be moved, see `handbench.light.spread`; 0: each texel of
+                        the map at 16 x 32 is a light
+    """
 
     texture: int = 128
     roughness: tuple[float, ...] = (0.25, 0.35, 0.45, 0.55, 0.65, 0.8)
     fit_frames: int = 48
+    environment_error: float = ENVIRONMENT_ERROR
 
 
 PRESETS = {
     "quick": ReflectanceConfig(),
     "standard": ReflectanceConfig(texture=256, fit_frames=96),
-    "paper": ReflectanceConfig(texture=1024, fit_frames=96),
+    "paper": ReflectanceConfig(texture=1024, fit_frames=96, environment_error=0.0),
 }
 
 
@@ -75,6 +84,7 @@ class Shading:
         self._surface, self._centre, self._model = surface, centre, model
         self._normal, self._position = surface.normal, surface.position
         self._texels: Array | None = None
+        self._known: dict[float, KnownSurface] = {}  # by roughness
         if raster is not None and skips().unseen:
             self._texels = np.flatnonzero(atlas.needed(raster.texels(atlas.size)))
             self._normal, self._position = (values[:, self._texels] for values in (self._normal, self._position))
@@ -86,8 +96,10 @@ class Shading:
         if texels is not None:
             note("texels out of sight", atlas.count, atlas.count - len(texels))
         visible = self._surface.visibility(lights, texels=texels)
-        rough = torch.full((self._normal.shape[1],), roughness)
-        found = light_features(self._normal, self._position, rough, self._centre, lights, visible, self._model)
+        if roughness not in self._known:
+            rough = torch.full((self._normal.shape[1],), roughness)
+            self._known[roughness] = KnownSurface(self._normal, self._position, rough, self._centre, self._model)
+        found = self._known[roughness].features(lights, visible)
         if texels is not None:
             where = torch.from_numpy(texels)
             diffuse, specular = (f.new_zeros(3, atlas.count).index_copy(1, where, f) for f in found)
@@ -118,7 +130,7 @@ class PosedReflectance(PosedAvatar):
 
     def relight(self, light: Light) -> Prediction:
         prior = self._prior
-        lights = light_samples(light)
+        lights = light_samples(light, environment_error=prior.config.environment_error)
         diffuse, specular = self._shading.features(lights, prior.roughness)
         colour = prior.diffuse * diffuse * self._texture + prior.specular * specular
         return prediction(self._raster, self._atlas.dilate(colour))

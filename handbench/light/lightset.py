@@ -11,6 +11,7 @@ from ..scene import Array, Directional, Environment, Light, Point, known_leaves
 from ..skips import note, skips
 from .environment import to_directional
 from .reduction import reduced
+from .spread import CELLS, spread
 
 _BILLION = 10**9
 
@@ -20,35 +21,43 @@ class LightSet:
     """L distant lights: unit directions (L, 3), irradiance (L, 3); P near ones: positions (P, 3), intensities (P, 3).
 
     Rows of visibility belong to the distant lights first, then to the near ones. To differentiate in the
-    irradiance or the intensities, give them as torch tensors; shading takes both.
+    irradiance or the intensities, give them as torch tensors; shading takes both. The first `steady` distant lights
+    have the same directions for every environment: what is worked out for one serves the next.
     """
 
     directions: Array
     irradiance: Array
     positions: Array
     intensities: Array
+    steady: int = 0
 
     def __len__(self) -> int:
         return len(self.directions) + len(self.positions)
 
 
 def light_samples(
-    light: Light, environment_size: tuple[int, int] = (16, 32), environment_lights: int | None = None
+    light: Light,
+    environment_size: tuple[int, int] = (16, 32),
+    environment_lights: int | None = None,
+    environment_error: float = 0.0,
 ) -> LightSet:
     """A light as distant and near lights, in float64; groups are opened in order.
 
     Environments are reduced to `environment_size` texels (rows, columns; URHand uses 16 x 32) with their power kept,
-    one distant light a texel, or to at most `environment_lights` lights where the light is (`reduced`).
+    one distant light a texel; or those to as few as `environment_error` allows, most of them the same for every map
+    (`spread`); or the map to at most `environment_lights` lights where the light is (`reduced`).
     Lights without power are left out, and with `Skips.faint_lights` the faintest distant ones too: what is admitted
     is noted in billionths of their power. Near lights are never faint: how far away they are decides.
     Raises `Unsupported` for an unknown light.
     """
+    if isinstance(light, Environment) and environment_lights is None and environment_error > 0.0:
+        return _spread(light, environment_size, environment_error)
     distant: list[tuple[Array, Array]] = []
     near: list[tuple[Array, Array]] = []
     for leaf in known_leaves(light):
         match leaf:
             case Environment():
-                distant.append(_environment(leaf, environment_size, environment_lights))
+                distant.append(_environment(leaf, environment_size, environment_lights, environment_error))
             case Directional():
                 distant.append((leaf.direction[None], leaf.irradiance[None]))
             case Point():
@@ -65,8 +74,18 @@ def light_samples(
     return LightSet(*parts[0], *parts[1])
 
 
-def _environment(leaf: Environment, size: tuple[int, int], lights: int | None) -> tuple[Array, Array]:
-    return to_directional(leaf, *size, dark=True) if lights is None else reduced(leaf, lights)
+def _environment(leaf: Environment, size: tuple[int, int], lights: int | None, error: float) -> tuple[Array, Array]:
+    if lights is not None:
+        return reduced(leaf, lights)
+    return spread(leaf, size, error) if error > 0.0 else to_directional(leaf, *size, dark=True)
+
+
+def _spread(light: Environment, size: tuple[int, int], error: float) -> LightSet:
+    """An environment alone: the lights of the cells come first, dark ones too."""
+    where, power = spread(light, size, error)
+    note("lights", size[0] * size[1], size[0] * size[1] - len(power))
+    nothing = np.zeros((0, 3))
+    return LightSet(where, power, nothing, nothing, steady=CELLS)
 
 
 def _joined(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -32,11 +32,12 @@ def vertex_normals(vertices: Array, faces: Array) -> Array:
 
     The angle weight does not depend on how a polygon was cut into triangles. Zero for unused vertices.
     """
-    normals = face_normals(vertices, faces)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = unit_rows(np.cross(b - a, c - a))
+    edges = [unit_rows(end - start) for start, end in ((a, b), (b, c), (c, a))]  # each leaves its corner
     total = np.zeros((len(vertices), 3))
     for k in range(3):
-        corner, after, before = (vertices[faces[:, (k + step) % 3]] for step in range(3))
-        cosine = (unit_rows(after - corner) * unit_rows(before - corner)).sum(axis=1)
+        cosine = -(edges[k] * edges[k - 1]).sum(axis=1)
         weighted = normals * np.arccos(np.clip(cosine, -1.0, 1.0))[:, None]
         for axis in range(3):
             total[:, axis] += np.bincount(faces[:, k], weighted[:, axis], minlength=len(vertices))

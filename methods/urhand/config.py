@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from handbench.errors import InputError, unknown_name
+from handbench.light.spread import ENVIRONMENT_ERROR
 
 from ..nets.engine import Budget
 from ..views import Shadows
@@ -47,6 +48,8 @@ class Config:
     exposure        divide features by the sum of the lights' power before the network and multiply after; when
                     drawing also by the visible share of it (released code; breaks additivity)
     environment     rows and columns to which environments are reduced
+    environment_error   how far lights of an environment may be moved when drawing, see `handbench.light.spread`;
+                    0: each texel is a light
 
     Ranges
     displacement    greatest displacement in metres (URHand Sec. 4.2 says 3 mm, through a sigmoid)
@@ -78,6 +81,7 @@ class Config:
     shadows: Shadows = "hard"
     exposure: bool = False
     environment: tuple[int, int] = (16, 32)
+    environment_error: float = ENVIRONMENT_ERROR
     displacement: float = 3e-3
     roughness: tuple[float, float] = (0.1, 0.9)
     bias_scale: float = 64.0 / _BYTE
@@ -109,7 +113,7 @@ PRESETS = {
     "ablation": Config(steps=600, warmup=150),
     "quick": Config(),
     "standard": Config(texture=256, steps=20_000, rate=(5e-4, 3e-5)),
-    "paper": Config(texture=1024, steps=2_000_000, batch=24, rate=(1e-4, 3e-5), lights=(5,)),
+    "paper": Config(texture=1024, steps=2_000_000, batch=24, rate=(1e-4, 3e-5), lights=(5,), environment_error=0.0),
     # what the authors' released training code does differently from their paper and its supplement
     "released": Config(
         texture=1024,
@@ -122,6 +126,7 @@ PRESETS = {
         shading="released",
         shadows="soft",
         exposure=True,
+        environment_error=0.0,
         roughness=(0.3, 0.8),
     ),
 }

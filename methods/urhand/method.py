@@ -56,17 +56,19 @@ class PosedURHand(PosedAvatar):
         self._model, self._texture = model, texture
         self._surface = PosedSurface(needed(viewpoint.mesh, "mesh"), model.config.texture)
         self._raster = rasterise(self._surface.mesh, viewpoint.camera)
-        self._centre = viewpoint.camera.centre
         joints = torch.from_numpy(needed(viewpoint.pose, "pose").joints.copy()).float()
         self._material = model.material(texture, joints, self._surface)
+        maps = (self._material.normal, self._material.roughness, self._surface, viewpoint.camera.centre)
+        self._shading = lighting.Shading(model.config, *maps)
 
     @torch.no_grad()
     def relight(self, light: Light) -> Prediction:
         model, config, surface, material = self._model, self._model.config, self._surface, self._material
-        lights = light_samples(light, config.environment)
+        # an encoder of environment maps sees the map itself
+        error = config.environment_error if config.encoder == "features" else 0.0
+        lights = light_samples(light, config.environment, environment_error=error)
         visible = visibility(surface, lights, config.shadows)
-        maps = (material.normal, material.roughness, surface, self._centre)
-        features = lighting.features(config, *maps, lights, visible)
+        features = self._shading.features(lights, visible)
         colour, _ = model.colour(features, lights, material, self._texture, surface.atlas)
         if config.exposure and visible is not None:
             colour = colour * (lighting.power(lights, visible) / lighting.power(lights).clamp_min(1e-12))

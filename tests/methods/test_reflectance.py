@@ -108,6 +108,18 @@ def test_skips_do_not_change_the_picture(switch: str, enrolment: Recording, mini
     assert np.abs(images[0] - images[1]).max() <= 2e-6 * images[0].max()
 
 
+@pytest.mark.parametrize("module", [physical, phong])
+def test_few_lights_draw_the_picture_of_all(module, training: Recording, enrolment: Recording, mini) -> None:
+    prior = module.create().train(training)
+    fitted = (prior.diffuse, prior.specular, prior.roughness)
+    exact = ReflectancePrior(prior.name, prior.model, replace(prior.config, environment_error=0.0), fitted)
+    frames = [f for f in mini.frames() if f.subject == "s02" and f.segment == "held-out" and f.kind == "environment"]
+    assert frames
+    for frame in frames[:2]:
+        few, all_ = (p.personalise(enrolment).relight(frame).image.astype(np.float64) for p in (prior, exact))
+        assert np.square(few - all_).sum() < 0.01**2 * np.square(all_).sum()
+
+
 def test_a_fit_without_specular_works_out_no_lobe(enrolment: Recording) -> None:
     config = physical.create()._config
     frame = enrolment.frames[0]
