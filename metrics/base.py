@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handbench.errors import InputError, NonFinite, Unsupported, unknown_name
+from handbench.metricspec import MetricSpec
 from handbench.registry import METRICS
 
 from .pair import Pair
@@ -237,16 +238,8 @@ def metric(spec: str) -> Metric:
 
     Raises `InputError` for an unknown name, option or value, an option given twice, or a spec that cannot be read.
     """
-    name, colon, rest = spec.partition(":")
-    chosen: dict[str, str] = {}
-    for part in rest.split(",") if colon else ():
-        option, equals, value = (word.strip() for word in part.partition("="))
-        if not (option and equals and value):
-            raise InputError(f"metric {spec!r}: cannot read {part!r}; write options as name:option=value,option=value")
-        if option in chosen:
-            raise InputError(f"metric {spec!r}: option {option!r} is given twice; keep one")
-        chosen[option] = value
-    return _family(name.strip()).with_options(chosen)
+    found = MetricSpec.parse(spec)
+    return _family(found.name).with_options(found.options)
 
 
 def from_signature(signature: str) -> Metric:

@@ -12,10 +12,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..data.capture import Capture
+from ..data.capture import Capture, open_capture
 from ..errors import Changed, HandbenchError, NonFinite, Unsupported
 from ..method import Avatar, Method, PosedAvatar, Prior, RecordedAvatar
-from ..registry import CAPTURES, METHODS
+from ..registry import METHODS
 from ..scene import Frame, Observation, Prediction, Query, Viewpoint
 from . import given
 from .cell import CaptureReader, blame, light_refusal
@@ -47,10 +47,8 @@ def check(name: str, protocol: Protocol, preset: str | None = None, data: Path |
     """
     check_preset((METHODS.entry(name),), preset)
     method = make_method(METHODS.entry(name), preset or protocol.preset_of(name))
-    source = CAPTURES.load(protocol.capture)
     with steps() as told:
-        progress = told(f"capture {protocol.capture} {protocol.size}")
-        capture = source(size=protocol.size, folder=data, progress=progress)
+        capture = open_capture(protocol.capture, protocol.size, data, told)
     return check_method(method, protocol, capture)
 
 

@@ -17,10 +17,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from ..data.capture import Capture
+from ..data.capture import Capture, open_capture
 from ..errors import InputError
 from ..memory import keep_freed_memory
 from ..method import Method, Progress
+from ..metricspec import MetricSpec
 from ..registry import CAPTURES, METRICS, Entry
 from .plan import Cell, Plan, make_method, make_plan, method_entries
 from .progress import Steps
@@ -60,8 +61,7 @@ class Job:
         return {name: self.preset or self.protocol.preset_of(name) for name in self.methods}
 
     def open_capture(self, told: Steps) -> Capture:
-        name, size = self.protocol.capture, self.protocol.size
-        return CAPTURES.load(name)(size=size, folder=self.data, progress=told(f"capture {name} {size}"))
+        return open_capture(self.protocol.capture, self.protocol.size, self.data, told)
 
     def plan(self, capture: Capture) -> Plan:
         return make_plan(self.protocol, capture.digest, self.methods, self.seeds, self.preset, self.extra)
@@ -109,7 +109,7 @@ class Site:
         """The provenance of what is computed here."""
         from .provenance import provenance
 
-        metrics = (METRICS.entry(spec.partition(":")[0].strip()) for spec in self.plan.protocol.metrics)
+        metrics = (METRICS.entry(MetricSpec.parse(spec).name) for spec in self.plan.protocol.metrics)
         plugins = (*self.job.entries.values(), *metrics, CAPTURES.entry(self.plan.protocol.capture))
         return provenance(list(self.job.command) or sys.argv, [entry.target for entry in plugins])
 

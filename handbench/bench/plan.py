@@ -29,6 +29,7 @@ from typing import Any
 from .. import __version__
 from ..errors import HandbenchError, InputError
 from ..method import Method
+from ..metricspec import MetricSpec
 from ..registry import METHODS, METRICS, Entry
 from .isolation import isolated
 from .protocol import Protocol, digest
@@ -158,7 +159,7 @@ def make_plan(
     if not names or not seeds:
         raise InputError("nothing to run: name at least one method and one seed")
     entries = method_entries(names, extra)
-    metrics = [METRICS.entry(spec.partition(":")[0].strip()).target for spec in protocol.metrics]
+    metrics = [METRICS.entry(MetricSpec.parse(spec).name).target for spec in protocol.metrics]
     code = source_digests([*metrics, *(entry.target for entry in entries.values())])
     scoring = digest([code[target] for target in metrics])
     versions = [__version__, *map(_version, _PACKAGES)]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..data.capture import Capture
+from ..data.capture import Capture, open_capture
 from ..data.predictions import Asked, read_folder, write_template
 from ..data.predictions.manifest import name_fits
 from ..data.predictions.method import entry_of
 from ..errors import InputError
-from ..registry import CAPTURES, METHODS
+from ..registry import METHODS
 from .plan import make_method, method_entries
 from .progress import Steps, steps
 from .protocol import Protocol, Selected, resolve
@@ -62,8 +62,7 @@ def template(protocol: Protocol, folder: Path, data: Path | None = None, images:
 
 
 def _asked(protocol: Protocol, data: Path | None, told: Steps) -> tuple[Asked, Selected, Capture]:
-    progress = told(f"capture {protocol.capture} {protocol.size}")
-    capture = CAPTURES.load(protocol.capture)(size=protocol.size, folder=data, progress=progress)
+    capture = open_capture(protocol.capture, protocol.size, data, told)
     selected = resolve(protocol, capture.frames())
     scored = (frame for frames in selected.scored.values() for frame in frames)
     return Asked.of(protocol.label, protocol.digest, capture.digest, scored), selected, capture

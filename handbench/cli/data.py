@@ -47,8 +47,7 @@ def _data_show(arguments: argparse.Namespace) -> int:
 def _capture(arguments: argparse.Namespace) -> Any:
     """The capture that is named; what is missing of it is generated, with progress."""
     from ..bench.progress import steps
-    from ..registry import CAPTURES
+    from ..data.capture import open_capture
 
     with steps() as told:
-        label = f"capture {arguments.capture} {arguments.size}"
-        return CAPTURES.load(arguments.capture)(arguments.size, arguments.folder, told(label))
+        return open_capture(arguments.capture, arguments.size, arguments.folder, told)

@@ -3,10 +3,23 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 
+from ..method import Progress, silent
 from ..recording import Recording
+from ..registry import CAPTURES
 from ..scene import Frame, Observation
+
+
+def open_capture(
+    name: str, size: str, folder: Path | None = None, told: Callable[[str], Progress] = lambda label: silent
+) -> Capture:
+    """The registered capture of a name at a size, kept in `folder` (None: the user's cache).
+
+    What is missing of it is made; `told` gives a label its progress. Raises `InputError` for an unknown name or size.
+    """
+    return CAPTURES.load(name)(size=size, folder=folder, progress=told(f"capture {name} {size}"))
 
 
 class Capture(ABC):

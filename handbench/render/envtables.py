@@ -14,6 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..light.environment import solid_angles
 from ..scene import Array, Environment
 
 BRIGHT = 2.0
@@ -53,17 +54,11 @@ def environment_tables(environments: Sequence[Environment]) -> EnvironmentTables
     )
 
 
-def _solid_angles(height: int, width: int) -> Array:
-    """Solid angle of a texel of every row, (H, 1) steradians, exact."""
-    edges = np.cos(np.linspace(0.0, np.pi, height + 1))
-    return ((edges[:-1] - edges[1:]) * 2 * np.pi / width)[:, None]
-
-
 def _bright_mask(radiance: Array) -> Array:
     """Which texels (H, W) stand out of the map's mean."""
     height, width = radiance.shape[:2]
     luminance = radiance @ _LUMINANCE
-    mean = (luminance * _solid_angles(height, width)).sum() / (4 * np.pi)
+    mean = (luminance * solid_angles(height, width)).sum() / (4 * np.pi)
     return luminance > BRIGHT * mean
 
 
@@ -74,7 +69,7 @@ def _octants(radiance: Array, above: Array) -> list[tuple[Array, float]]:
     """
     row, column = np.nonzero(above)
     height, width = radiance.shape[:2]
-    flux = radiance[row, column] * _solid_angles(height, width)[row]
+    flux = radiance[row, column] * solid_angles(height, width)[row, column, None]
     power = flux @ _LUMINANCE
     capped = np.minimum(power, _CAP * power.mean()) if len(power) else power
     share = 0.5 * power / power.sum() + 0.5 * capped / capped.sum() if len(power) else power

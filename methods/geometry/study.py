@@ -16,14 +16,13 @@ from handbench.bench.progress import steps
 from handbench.bench.protocol import Protocol, resolve
 from handbench.bench.provenance import provenance
 from handbench.bench.run import find_protocol
-from handbench.data.capture import Capture
+from handbench.data.capture import Capture, open_capture
 from handbench.errors import StorageError, Unsupported
 from handbench.files import whole
 from handbench.hand import OpenHand
 from handbench.method import Progress, Recording, silent
 from handbench.metrics.geometry.points import point_error
 from handbench.metrics.geometry.surface import mean, percentile95, surface_distances
-from handbench.registry import CAPTURES
 from handbench.scene import Array, Frame, Mesh, needed
 
 from .neutral import full_frames, neutral
@@ -160,8 +159,7 @@ def run(
     except OSError as error:
         raise StorageError(f"{out} cannot be written ({error}); choose another folder") from error
     with steps() as told:
-        label = f"capture {protocol.capture} {protocol.size}"
-        capture = CAPTURES.load(protocol.capture)(size=protocol.size, folder=data, progress=told(label))
+        capture = open_capture(protocol.capture, protocol.size, data, told)
         prior, found = evaluate(capture, protocol, preset, seed, told(f"geometry {preset}"))
     prior.save(out / "prior")
     result = {

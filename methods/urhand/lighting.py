@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from handbench.errors import Unsupported
-from handbench.light.environment import solid_angles
+from handbench.light.environment import solid_angles, texels
 from handbench.light.lightset import LightSet
 from handbench.render.posed import PosedSurface
 from handbench.render.shading import KnownSurface, Model
@@ -49,9 +49,7 @@ def environment_map(lights: LightSet, size: tuple[int, int]) -> Tensor:
     if len(lights.positions):
         raise Unsupported("an environment map cannot hold near lights")
     height, width = size
-    x, y, z = np.asarray(lights.directions, dtype=np.float64).T
-    row = np.floor(np.arccos(np.clip(y, -1.0, 1.0)) / np.pi * height).astype(int).clip(0, height - 1)
-    column = np.floor(np.arctan2(x, -z) / (2.0 * np.pi) % 1.0 * width).astype(int).clip(0, width - 1)
+    row, column = texels(np.asarray(lights.directions), height, width)
     radiance = np.zeros((height, width, 3))
     np.add.at(radiance, (row, column), np.asarray(lights.irradiance) / solid_angles(height, width)[row, column, None])
     return torch.from_numpy(radiance.transpose(2, 0, 1)).float()

@@ -7,8 +7,9 @@ import numpy as np
 import OpenEXR
 import pytest
 
+from handbench.data.environments import read_environment
 from handbench.errors import InputError
-from handbench.light.environment import directions, read, resize, rotate, solid_angles, to_directional
+from handbench.light.environment import directions, resize, rotate, solid_angles, texels, to_directional
 from handbench.light.stage import stage_directions
 from handbench.scene import Environment
 
@@ -109,7 +110,7 @@ def write_exr(path: Path, image: np.ndarray) -> None:
 def test_exr_round_trip(tmp_path: Path) -> None:
     image = random_map(8, 16).radiance
     write_exr(tmp_path / "sky.exr", image)
-    environment = read(tmp_path / "sky.exr")
+    environment = read_environment(tmp_path / "sky.exr")
     assert environment.name == "sky" and np.array_equal(environment.radiance, image)
 
 
@@ -119,7 +120,7 @@ def test_hdr_is_decoded(tmp_path: Path) -> None:
     texels[3] = (255, 0, 128, 140)
     path = tmp_path / "sky.hdr"
     path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + texels.tobytes())
-    radiance = read(path).radiance
+    radiance = read_environment(path).radiance
     assert np.allclose(radiance[0, 0], [1.0, 0.5, 0.25]) and np.allclose(radiance[0, 3], [4080, 0, 2048])
 
 
@@ -137,7 +138,7 @@ def test_bad_files_are_named(tmp_path: Path, name: str, content: bytes | None, m
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=f"{name}.*{message}"):
-        read(tmp_path / name)
+        read_environment(tmp_path / name)
 
 
 @pytest.mark.parametrize(("value", "message"), [(np.nan, "NaN"), (-1.0, "negative")])
@@ -146,7 +147,7 @@ def test_bad_radiance_is_named(tmp_path: Path, value: float, message: str) -> No
     image[1, 2] = value
     write_exr(tmp_path / "bad.exr", image)
     with pytest.raises(InputError, match=f"bad.*{message}"):
-        read(tmp_path / "bad.exr")
+        read_environment(tmp_path / "bad.exr")
 
 
 def test_truncated_exr_is_named(tmp_path: Path) -> None:
@@ -154,13 +155,13 @@ def test_truncated_exr_is_named(tmp_path: Path) -> None:
     data = (tmp_path / "cut.exr").read_bytes()
     (tmp_path / "cut.exr").write_bytes(data[: len(data) // 2])
     with pytest.raises(InputError, match=r"cut\.exr"):
-        read(tmp_path / "cut.exr")
+        read_environment(tmp_path / "cut.exr")
 
 
 def test_a_map_that_is_not_equirectangular_is_named(tmp_path: Path) -> None:
     write_exr(tmp_path / "square.exr", random_map(8, 8).radiance)
     with pytest.raises(InputError, match="8x8"):
-        read(tmp_path / "square.exr")
+        read_environment(tmp_path / "square.exr")
 
 
 @pytest.mark.parametrize("count", [1, 24, 350])
@@ -174,3 +175,17 @@ def test_stage_directions_are_spread(count: int) -> None:
         assert np.arccos(cosines.max()) > 0.75 * np.sqrt(4 * np.pi / count * 2 / np.sqrt(3))
     with pytest.raises(InputError):
         stage_directions(0)
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (5, 7), (16, 32)])
+def test_a_direction_points_into_the_texel_whose_centre_it_is(height: int, width: int) -> None:
+    row, column = texels(directions(height, width), height, width)
+    assert np.array_equal(row, np.arange(height)[:, None].repeat(width, axis=1))
+    assert np.array_equal(column, np.arange(width)[None].repeat(height, axis=0))
+
+
+def test_the_border_of_a_map_is_shared_by_its_ends() -> None:
+    # just to either side of -z; straight up and down stay inside
+    beside = np.array([[1e-3, 0.0, -1.0], [-1e-3, 0.0, -1.0]])
+    assert np.array_equal(texels(beside, 4, 8)[1], [0, 7])
+    assert np.array_equal(texels(np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]), 4, 8)[0], [0, 3])

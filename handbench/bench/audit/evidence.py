@@ -10,10 +10,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias
 
-from ...data.capture import Capture
+from ...data.capture import Capture, open_capture
 from ...data.exr import read_exr, stack
 from ...errors import InputError
-from ...registry import CAPTURES, METHODS, METRICS
+from ...registry import METHODS, METRICS
 from ...scene import Frame, Prediction
 from ..cell import Bench, CaptureReader
 from ..plan import Plan, make_plan
@@ -126,8 +126,7 @@ def gather(folder: Path, tables: Tables, protocol: str | None, data: Path | None
             "give the run's own file with --protocol"
         )
     with steps() as progress:
-        label = progress(f"capture {found.capture} {found.size}")
-        capture = CAPTURES.load(found.capture)(size=found.size, folder=data, progress=label)
+        capture = open_capture(found.capture, found.size, data, progress)
     if capture.digest != plan["capture"]["digest"]:
         raise InputError(
             f"capture {capture.name} has digest {capture.digest}, {folder} was run on {plan['capture']['digest']}; "

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...light.environment import to_directional
+from ...light.environment import solid_angles, to_directional
 from ...light.lightset import LightSet
 from ...light.reduction import reduced
 from ...render.atlas import Atlas
@@ -156,9 +156,8 @@ def _owners(configuration: Configuration, environment: Environment) -> tuple[Arr
         raise TypeError("a kept transfer needs a grid of directions")
     (rows, columns), (height, width) = configuration.lights, _columns(configuration, environment)
     row, column = np.divmod(np.arange(rows * columns), columns)
-    bands = -np.diff(np.cos(np.linspace(0.0, np.pi, rows + 1)))
     owner = row * height // rows * width + column * width // columns
-    solid = bands[row]
+    solid = solid_angles(rows, columns)[row, column]
     return owner, solid / np.bincount(owner, solid)[owner]
 
 

@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from ...data.capture import open_capture
 from ...errors import HandbenchError
 from ...light.reduction import reduced
 from ...method import Avatar, Prior
 from ...recording import Recording
-from ...registry import CAPTURES, METHODS
+from ...registry import METHODS
 from ...scene import Directional, Environment, Frame, Group, Query, needed
 from ...skips import NONE, Skips, skipping
 from .. import given
@@ -47,7 +48,7 @@ def study(name: str, quick: bool) -> dict[str, Any]:
     found: dict[str, Any] = {"method": name, "title": method.info.title, "curves": []}
     if method.info.truth:
         return {**found, "reason": "a calibration row: it reads its answers"}
-    capture = CAPTURES.load(tried.capture)(size=tried.size)
+    capture = open_capture(tried.capture, tried.size)
     selected = resolve(tried, capture.frames())
     try:
         frame = _environment_frame(selected)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...data.environments import read_environment
 from ...errors import InputError
 from ...light import environment as env
 from ...light.lightset import light_samples
@@ -103,7 +104,7 @@ def _broken() -> dict[str, Callable[[], Any]]:
         "near light at infinity": lambda: Point(UP * np.inf, WHITE),
         "near light of negative power": lambda: Point(UP, -WHITE),
         "stage without lights": lambda: stage_directions(0),
-        "map file that is missing": lambda: env.read(Path("nowhere/none.exr")),
+        "map file that is missing": lambda: read_environment(Path("nowhere/none.exr")),
         "map file of another kind": lambda: _file("map.txt", b"no picture"),
         "damaged .exr file": lambda: _file("map.exr", b"no picture"),
         "damaged .hdr file": lambda: _file("map.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n\x00"),
@@ -115,7 +116,7 @@ def _file(name: str, content: bytes) -> Environment:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
         path.write_bytes(content)
-        return env.read(path)
+        return read_environment(path)
 
 
 def _dark() -> dict[str, Light]:

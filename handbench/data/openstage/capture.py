@@ -16,6 +16,7 @@ from ...memory import physical_memory
 from ...scene import Array, Camera, Directional, Environment, Frame, Group, Light, Mesh, Observation, Pose, Topology
 from ..capture import Capture
 from ..exr import read_exr, stack
+from .inventory import olat_name
 from .presets import SCHEMA
 
 _CACHE_SHARE = 1 / 16  # of the machine's memory, for single-light images as half floats: 295 kB each at `quick`
@@ -65,7 +66,7 @@ class OpenStage(Capture):
         weights = self._weights[lighting]
         image = np.zeros((height, width, 3), np.float32)
         for i in np.flatnonzero(weights):
-            image += np.float32(weights[i]) * self._read(f"{folder}/olat-{i:02d}.exr", height, width)
+            image += np.float32(weights[i]) * self._read(f"{folder}/{olat_name(i)}.exr", height, width)
         image.flags.writeable = False  # the fully lit ones are shared
         return image
 

@@ -10,6 +10,11 @@ from typing import Any
 TRACED = ("olat", "environment")  # kinds of lighting that are rendered; the others are sums
 
 
+def olat_name(number: int) -> str:
+    """The name of the lighting by one stage light alone, and of its images."""
+    return f"olat-{number:02d}"
+
+
 def files(manifest: dict[str, Any]) -> Iterator[str]:
     """Paths below the capture's folder, in a fixed order; capture.json itself is not among them."""
     yield "topology.npz"

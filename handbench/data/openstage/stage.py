@@ -10,6 +10,7 @@ from ...light.environment import solid_angles
 from ...light.skybox import skybox
 from ...light.stage import stage_directions
 from ...scene import Array, Camera, Directional, Environment, FrameKind, Group, Light
+from .inventory import olat_name
 from .presets import Preset
 
 # Irradiance of one stage light on a surface that faces it; skin of albedo 0.5 then reaches 0.5 on a 0..1 display.
@@ -82,7 +83,7 @@ def lightings(preset: Preset) -> tuple[Lighting, ...]:
     """Every lighting of a preset: single lights, groups of trained lights, the full stage, environments."""
     lights = stage_lights(preset)
     identity = np.eye(preset.lights)
-    found = [Lighting(f"olat-{i:02d}", "olat", light, identity[i]) for i, light in enumerate(lights)]
+    found = [Lighting(olat_name(i), "olat", light, identity[i]) for i, light in enumerate(lights)]
     trained = preset.lights - preset.held_out_lights
     for k in range(trained // GROUP_SIZE):
         members = range(k, trained, trained // GROUP_SIZE)[:GROUP_SIZE]
