@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from handbench.errors import Unsupported
+from handbench.hand import hand_of
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.scene import Light, Mesh, Prediction, Viewpoint, needed
 
 from .. import physical, urhand
-from .skeleton import level_of
+from .model import GeometryModel
 from .tracker import NAME, GeometryPrior, Tracker, Tracking
 from .tracker import create as create_tracker
 
@@ -36,12 +37,12 @@ METHODS: dict[str, Callable[[str], Method]] = {
 class TrackedAvatar(Avatar):
     """An avatar that is asked for queries with tracked meshes; of the query's own mesh only the topology is used."""
 
-    def __init__(self, inner: Avatar, tracking: Tracking, level: int) -> None:
-        self._inner, self._tracking, self._level = inner, tracking, level
+    def __init__(self, inner: Avatar, tracking: Tracking, model: GeometryModel) -> None:
+        self._inner, self._tracking, self._surface = inner, tracking, (model.hand, model.level)
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
         mesh, wrist = needed(viewpoint.mesh, "mesh"), needed(viewpoint.pose, "pose").translation
-        if level_of(mesh) != self._level:
+        if hand_of(mesh.topology) != self._surface:
             raise Unsupported(f"{viewpoint.pose_key} has a mesh of another resolution than the training frames")
         # a pose that does not belong to the mesh would be drawn somewhere else without a word
         if np.linalg.norm(mesh.vertices.mean(axis=0) - wrist) > _APART:
@@ -69,7 +70,7 @@ class TrackedPrior(Prior):
     def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
         tracking = Tracking(self.geometry, enrolment, blind=True)
         inner = self.inner.personalise(tracking.recording(enrolment), seed, progress)
-        return TrackedAvatar(inner, tracking, self.geometry.model.level)
+        return TrackedAvatar(inner, tracking, self.geometry.model)
 
     def save(self, folder: Path) -> None:
         for name, prior in ((NAME, self.geometry), ("method", self.inner)):

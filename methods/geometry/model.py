@@ -13,14 +13,14 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor, nn
 
-from handbench.hand import OpenHand
+from handbench.hand import HandModel
 from handbench.scene import Array, Camera, Pose
 
 from ..nets.layers import channels_last
 from .config import Config
 from .networks import OFFSET, IdentityDecoder, IdentityEncoder, PoseDecoder, PoseEncoder, principal
 from .scan import Scan, depth_maps
-from .skeleton import bone_weights, directions, forward, key_weights
+from .skeleton import bone_weights, directions, forward
 
 _NEAR, _FAR = 0.004, 0.1  # metres that count as one: joints about the template's, joints about the wrist
 
@@ -45,26 +45,24 @@ class Posed:
 
 
 class GeometryModel(nn.Module):
-    """E_id, D_id, E_theta and D_theta (URHand supp. Fig. 3) around the open hand, whose template they correct."""
+    """E_id, D_id, E_theta and D_theta (URHand supp. Fig. 3) around a hand model, whose neutral hand they correct."""
 
-    def __init__(self, config: Config, level: int) -> None:
+    def __init__(self, config: Config, hand: HandModel, level: int) -> None:
         super().__init__()
-        self.config, self.level = config, level
-        self._hand = hand = OpenHand.load()
-        template = hand.template
-        points, joints, vertices = len(template.points), len(template.parents), len(template.vertices)
+        self.config, self.hand, self.level = config, hand, level
+        neutral = hand.rest_position(0)
+        points, joints, vertices = len(hand.points), len(hand.parents), len(neutral)
         self.identity_encoder = IdentityEncoder(points, config.code)
         self.identity_decoder = IdentityDecoder(config.code, points, vertices)
         self.pose_encoder = PoseEncoder(points, joints)
         self.pose_decoder = PoseDecoder(joints, config.code, vertices)
         channels_last(self)
-        self._vertices = torch.tensor(template.vertices).float()
-        self._points = torch.tensor(template.points).float()
-        self._weights = torch.cat([torch.tensor(template.weights), key_weights()]).float()
-        self._bones = torch.tensor(bone_weights()).float()
-        self._wrist = hand.joint_names.index("wrist")
+        self._vertices = torch.tensor(neutral).float()
+        self._points = torch.tensor(hand.points).float()
+        self._weights = torch.tensor(np.concatenate([hand.weights(0), hand.point_weights])).float()
+        self._bones = torch.tensor(bone_weights(hand)).float()
         free = torch.ones(joints + 2, 1)
-        free[hand.joint_names.index("forearm")] = 0.0  # the rigid placement of the hand moves the forearm
+        free[hand.parents.index(-1)] = 0.0  # the rigid placement of the hand moves the root
         self._free = free
         self.still = torch.zeros(joints + 2, 3)
         """What `beyond` says when a picture adds nothing."""
@@ -90,12 +88,12 @@ class GeometryModel(nn.Module):
     def shape(self, code: Tensor) -> Shape:
         """The hand of a code at rest: bones carry their vertices, the wrist stays at the origin."""
         joints, vertices = self._run(self.identity_decoder, code)
-        joints = joints - joints[self._wrist]
+        joints = joints - joints[self.hand.wrist]
         return Shape(code, self._vertices + self._bones @ joints + vertices, self._points + joints, vertices)
 
     def beyond(self, picture: Tensor, camera: Camera, observed: Array, told: Pose) -> Tensor:
         """What a picture adds to the pose that its key points (P, 3) tell: (J + 2, 3) radians, the last one metres."""
-        seen = (observed - observed[self._wrist]) @ camera.rotation.T
+        seen = (observed - observed[self.hand.wrist]) @ camera.rotation.T
         positions = torch.from_numpy(seen / _FAR).float()
         (found,) = self._run(self.pose_encoder, picture, positions, torch.tensor(told.joints).float())
         found = found * self._free
@@ -103,17 +101,17 @@ class GeometryModel(nn.Module):
 
     def told(self, shape: Shape, observed: Array) -> Pose:
         """The pose that key points (P, 3) tell of this hand in closed form; not differentiated through."""
-        return directions(shape.points.detach().double().numpy(), observed)
+        return directions(self.hand, shape.points.detach().double().numpy(), observed)
 
     def posed(self, shape: Shape, told: Pose, beyond: Tensor) -> Posed:
         """Template + identity and pose correctives, linear blend skinning, subdivision to the capture's level."""
         joints = torch.tensor(told.joints).float() + beyond[:-2]
         (correctives,) = self._run(self.pose_decoder, joints, shape.code)
         carried = torch.cat([shape.vertices + correctives, shape.points])
-        skinned = forward(carried, shape.points, self._weights, joints, beyond[-2], beyond[-1])
+        skinned = forward(self.hand, carried, shape.points, self._weights, joints, beyond[-2], beyond[-1])
         placed = skinned @ _matrix(told).T + torch.tensor(told.translation).float()
         count = len(shape.vertices)
-        return Posed(self._hand.subdivide(placed[:count], self.level), placed[count:], correctives)
+        return Posed(self.hand.subdivide(placed[:count], self.level), placed[count:], correctives)
 
 
 def combined(told: Pose, beyond: Tensor) -> Pose:

@@ -8,12 +8,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handbench.errors import Unsupported
-from handbench.hand import OpenHand
+from handbench.hand import HandModel, hand_of
 from handbench.method import Recording
 from handbench.scene import Array, Pose, needed
 
 from .scan import Scan, scan
-from .skeleton import level_of, posed_points, regressor, rigid
+from .skeleton import posed_points, regressor, rigid
 
 _NEUTRAL = np.radians(5.0)  # how far a joint may be bent in a frame that counts as neutral
 _BUMPS, _WIDTH = 8, 0.025  # of a warp: how many, and how wide in metres
@@ -22,19 +22,20 @@ _BUMP = 0.06  # metres of a bump, per unit of a warp's amount
 
 @dataclass(frozen=True, eq=False)
 class Neutral:
-    """One subject's scan and key points (P, 3) in the reference frame, and its skeleton.
+    """One subject's scan and key points (P, 3) in the reference frame, and its skeleton of a hand model.
 
     The reference frame is that of the template: a rigid motion brings the key points nearest to the template's, and
     the wrist to the origin. `rest` (P, 3) are the same key points in the frame that the capture's poses count from.
     """
 
+    hand: HandModel
     scan: Scan
     points: Array
     rest: Array
 
     def observed(self, pose: Pose) -> Array:
         """Key points (P, 3) in the world: the subject's skeleton in the pose that the capture tracked."""
-        return posed_points(self.rest, pose)
+        return posed_points(self.hand, self.rest, pose)
 
 
 def full_frames(recording: Recording) -> Recording:
@@ -60,17 +61,17 @@ def neutral(recording: Recording) -> Neutral:
             f"({first.pose_name}) bends a joint by {np.degrees(bent):.0f}°"
         )
     views = [frame for frame in lit.frames if frame.pose_key == first.pose_key]
-    world = regressor(level_of(mesh)) @ mesh.vertices
+    hand, level = hand_of(mesh.topology)
+    world = regressor(hand, level) @ mesh.vertices
     placed = Rotation.from_rotvec(pose.rotation.copy()).as_matrix()
-    aligned = _aligned(scan([(frame, lit.observe(frame)) for frame in views]), world)
-    return Neutral(*aligned, (world - pose.translation) @ placed)
+    aligned = _aligned(hand, scan([(frame, lit.observe(frame)) for frame in views]), world)
+    return Neutral(hand, *aligned, (world - pose.translation) @ placed)
 
 
-def _aligned(seen: Scan, points: Array) -> tuple[Scan, Array]:
+def _aligned(hand: HandModel, seen: Scan, points: Array) -> tuple[Scan, Array]:
     """Scan and key points (P, 3) brought rigidly into the reference frame."""
-    hand = OpenHand.load()
-    turn, _ = rigid(points, hand.template.points)
-    shift = -turn @ points[hand.joint_names.index("wrist")]
+    turn, _ = rigid(points, hand.points)
+    shift = -turn @ points[hand.wrist]
     return seen.moved(turn, shift), points @ turn.T + shift
 
 
@@ -89,4 +90,4 @@ def warped(person: Neutral, amount: float, rng: np.random.Generator) -> tuple[Sc
         return x + x @ stretch + np.exp(-squared / (2.0 * _WIDTH**2)) @ pushes
 
     seen = person.scan
-    return _aligned(Scan(move(seen.points), seen.seen_from, seen.area), move(person.points))
+    return _aligned(person.hand, Scan(move(seen.points), seen.seen_from, seen.area), move(person.points))

@@ -1,6 +1,6 @@
 """Joints of a tracked mesh, the rigid way to a reference, and the rotations that joint positions already tell.
 
-Key points (P, 3) are the hand's joints followed by the five finger tips, in the order of `Template.points`.
+Key points (P, 3) are the points of a `HandModel`: its joints followed by the five finger tips.
 """
 
 from __future__ import annotations
@@ -12,45 +12,25 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from handbench.errors import Unsupported
-from handbench.hand import OpenHand
-from handbench.hand.anatomy import bone_ends
+from handbench.hand import HandModel
 from handbench.hand.skinning import linear_blend
-from handbench.hand.template import FINGERS
-from handbench.scene import Array, Mesh, Pose
+from handbench.scene import Array, Pose
 
 _REACH = 0.008  # metres around a key point whose vertices say most about it
-_LEVELS = 4
 
 
-def level_of(mesh: Mesh) -> int:
-    """The subdivision level of the open hand that a mesh has. Raises `Unsupported` for another surface."""
-    hand = OpenHand.load()
-    faces = mesh.topology.faces
-    for level in range(_LEVELS + 1):
-        if len(faces) == 2 * len(hand.quads(level)):
-            if np.array_equal(faces, hand.topology(level).faces):
-                return level
-            break
-    raise Unsupported(
-        f"the geometry autoencoder deforms the open hand, and the capture's meshes ({len(mesh.vertices)} vertices) "
-        "are another one; use a capture tracked with the open hand"
-    )
-
-
-@lru_cache(maxsize=_LEVELS)
-def regressor(level: int) -> Array:
+@lru_cache
+def regressor(hand: HandModel, level: int) -> Array:
     """Weights (P, V) that give the key points of a hand at rest from its vertices.
 
     The weights nearest to a bell around each point that are exact on the template; as rows sum to one, they are exact
     on every affine image of it too, so on hands of another size or width.
     """
-    hand = OpenHand.load()
     vertices, skin = hand.rest_position(level), hand.weights(level)
-    points, parents = hand.template.points, hand.parents
+    points, parents = hand.points, hand.parents
     homogeneous = np.column_stack([np.ones(len(vertices)), vertices])
     found = np.empty((len(points), len(vertices)))
-    tips = [hand.joint_names.index(f"{finger}3") for finger in FINGERS]
+    tips = [chain[-1] for chain in hand.chains]
     for p, point in enumerate(points):
         joint = p if p < len(parents) else tips[p - len(parents)]
         near = skin[:, [joint, max(parents[joint], 0)]].sum(axis=1)  # of its own finger, not of the next one
@@ -65,46 +45,40 @@ def regressor(level: int) -> Array:
     return found
 
 
-def posed_points(rest: Array, pose: Pose) -> Array:
+def posed_points(hand: HandModel, rest: Array, pose: Pose) -> Array:
     """Key points (P, 3) in the world of a skeleton with key points `rest` (P, 3), wrist at the origin."""
     joints = torch.from_numpy(pose.joints.copy())
     turn, shift = torch.from_numpy(pose.rotation.copy()), torch.from_numpy(pose.translation.copy())
     points = torch.from_numpy(rest.copy())
-    return forward(points, points, key_weights(), joints, turn, shift).numpy()
+    weights = torch.from_numpy(hand.point_weights)
+    return forward(hand, points, points, weights, joints, turn, shift).numpy()
 
 
-def forward(carried: Tensor, rest: Tensor, weights: Tensor, joints: Tensor, turn: Tensor, shift: Tensor) -> Tensor:
+def forward(
+    hand: HandModel, carried: Tensor, rest: Tensor, weights: Tensor, joints: Tensor, turn: Tensor, shift: Tensor
+) -> Tensor:
     """Linear blend skinning of points (N, 3) with weights (N, J) by a skeleton with key points `rest` (P, 3)."""
-    hand, dtype = OpenHand.load(), carried.dtype
+    dtype = carried.dtype
     heads = rest[: len(hand.parents)]
     frames = torch.tensor(hand.frames, dtype=dtype)
     return linear_blend(carried, heads, hand.parents, weights.to(dtype), frames, joints, turn, shift)
 
 
-@lru_cache(maxsize=1)
-def bone_weights() -> Array:
+@lru_cache
+def bone_weights(hand: HandModel) -> Array:
     """(V, P) by which coarse vertices at rest follow the key points: each between the two ends of its bones.
 
     Points of a scan do not tell how far skin slides along a finger, so a longer bone has to carry it along.
     """
-    template = OpenHand.load().template
-    ends = bone_ends(template)
-    found = np.zeros((len(template.vertices), len(template.points)))
-    for j, end in enumerate(ends):
-        bone = template.points[end] - template.points[j]
-        along = np.clip((template.vertices - template.points[j]) @ bone / (bone @ bone), 0.0, 1.0)
-        found[:, j] += template.weights[:, j] * (1.0 - along)
-        found[:, end] += template.weights[:, j] * along
+    vertices, weights, points = hand.rest_position(0), hand.weights(0), hand.points
+    found = np.zeros((len(vertices), len(points)))
+    for j, end in enumerate(hand.ends):
+        bone = points[end] - points[j]
+        along = np.clip((vertices - points[j]) @ bone / (bone @ bone), 0.0, 1.0)
+        found[:, j] += weights[:, j] * (1.0 - along)
+        found[:, end] += weights[:, j] * along
     found.flags.writeable = False
     return found
-
-
-@lru_cache(maxsize=1)
-def key_weights() -> Tensor:
-    """Skinning weights (P, J) of the key points: each goes with its joint, a tip with its finger's last."""
-    names = OpenHand.load().joint_names
-    carriers = [*range(len(names)), *(names.index(f"{finger}3") for finger in FINGERS)]
-    return torch.eye(len(names), dtype=torch.float64)[carriers]
 
 
 def rigid(source: Array, target: Array) -> tuple[Array, Array]:
@@ -114,30 +88,31 @@ def rigid(source: Array, target: Array) -> tuple[Array, Array]:
     return turn, other - turn @ middle
 
 
-def directions(rest: Array, observed: Array) -> Pose:
+def directions(hand: HandModel, rest: Array, observed: Array) -> Pose:
     """The pose that observed key points (P, 3) tell of a skeleton `rest` (P, 3) in closed form.
 
-    The palm's points give the hand's rotation, the forearm's direction splits the wrist's off, and every other joint
-    takes the shortest turn that brings its bone to where it points. What is left open is turns about the bones.
+    The palm's points give the hand's rotation, the forearm's direction, where there is a forearm, splits the wrist's
+    off, and every other joint takes the shortest turn that brings its bone to where it points. What is left open is
+    turns about the bones.
     """
-    hand = OpenHand.load()
-    names, frames, ends = hand.joint_names, hand.frames, bone_ends(hand.template)
-    forearm, wrist = names.index("forearm"), names.index("wrist")
+    count, frames, ends, wrist = len(hand.parents), hand.frames, hand.ends, hand.wrist
+    forearm = hand.parents[wrist]
     palm = [wrist, *(j for j, parent in enumerate(hand.parents) if parent == wrist)]
-    palm += [names.index("index1"), names.index("middle1")]
-    world = np.empty((len(names), 3, 3))
+    palm += [p for p in (hand.chains[1][0], hand.chains[2][0]) if p not in palm]
+    world = np.empty((count, 3, 3))
     world[wrist], _ = rigid(rest[palm], observed[palm])
-    arm = observed[wrist] - observed[forearm]
-    bent = _swing(rest[wrist] - rest[forearm], world[wrist].T @ arm).T
-    world[forearm] = world[wrist] @ bent.T
-    joints = np.zeros((len(names), 3))
-    joints[wrist] = Rotation.from_matrix(frames[wrist].T @ bent @ frames[wrist]).as_rotvec()
+    joints = np.zeros((count, 3))
+    if forearm >= 0:
+        arm = observed[wrist] - observed[forearm]
+        bent = _swing(rest[wrist] - rest[forearm], world[wrist].T @ arm).T
+        world[forearm] = world[wrist] @ bent.T
+        joints[wrist] = Rotation.from_matrix(frames[wrist].T @ bent @ frames[wrist]).as_rotvec()
     for j, parent in enumerate(hand.parents):
         if j not in (forearm, wrist):
             local = _swing(rest[ends[j]] - rest[j], world[parent].T @ (observed[ends[j]] - observed[j]))
             world[j] = world[parent] @ local
             joints[j] = Rotation.from_matrix(frames[j].T @ local @ frames[j]).as_rotvec()
-    return Pose(joints, Rotation.from_matrix(world[forearm]).as_rotvec(), observed[wrist])
+    return Pose(joints, Rotation.from_matrix(world[hand.parents.index(-1)]).as_rotvec(), observed[wrist])
 
 
 def _swing(start: Array, end: Array) -> Array:

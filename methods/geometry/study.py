@@ -19,7 +19,7 @@ from handbench.bench.run import find_protocol
 from handbench.data.capture import Capture, open_capture
 from handbench.errors import StorageError, Unsupported
 from handbench.files import whole
-from handbench.hand import OpenHand
+from handbench.hand import hand_of
 from handbench.method import Progress, Recording, silent
 from handbench.metrics.geometry.points import point_error
 from handbench.metrics.geometry.surface import mean, percentile95, surface_distances
@@ -27,7 +27,7 @@ from handbench.scene import Array, Frame, Mesh, needed
 
 from .neutral import full_frames, neutral
 from .scan import scan
-from .skeleton import level_of, posed_points
+from .skeleton import posed_points
 from .tracker import NAME, GeometryPrior, Tracking, create
 
 SCHEMA = 1
@@ -62,12 +62,12 @@ def geometry_report(prior: GeometryPrior, enrolment: Recording, frames: Recordin
     frame is what its own depth map shows. Raises `Unsupported` without fully lit frames or without depth.
     """
     lit = full_frames(frames)
-    tracking = Tracking(prior, Recording((*enrolment.of_kind("full").frames, *lit.frames), lit.observe))
-    rest = {subject: neutral(enrolment.of_subject(subject)).rest for subject in lit.subjects}
+    tracking = Tracking(prior, _together(enrolment.of_kind("full"), lit))
+    known = {subject: neutral(enrolment.of_subject(subject)) for subject in lit.subjects}
     found = []
     for frame in lit.frames:
         points = scan([(frame, lit.observe(frame))]).points
-        true, recorded = posed_points(rest[frame.subject], needed(frame.pose, "pose")), needed(frame.mesh, "mesh")
+        true, recorded = known[frame.subject].observed(needed(frame.pose, "pose")), needed(frame.mesh, "mesh")
         for row, (mesh, joints) in _geometries(frame, tracking).items():
             distances = surface_distances(mesh, points)
             found.append(
@@ -83,14 +83,19 @@ def geometry_report(prior: GeometryPrior, enrolment: Recording, frames: Recordin
     return found
 
 
+def _together(one: Recording, other: Recording) -> Recording:
+    """The frames of two recordings, each observed by its own."""
+    home = {frame.key: recording for recording in (one, other) for frame in recording.frames}
+    return Recording((*one.frames, *other.frames), lambda frame: home[frame.key].observe(frame))
+
+
 def _geometries(frame: Frame, tracking: Tracking) -> dict[str, tuple[Mesh, Array | None]]:
     """Mesh and key points (P, 3) of a frame by row."""
-    hand, own = OpenHand.load(), tracking.of(frame)
-    pose, recorded = needed(frame.pose, "pose"), needed(frame.mesh, "mesh")
-    template = hand.mesh(hand.neutral(), pose, level_of(recorded))
+    pose, recorded, own = needed(frame.pose, "pose"), needed(frame.mesh, "mesh"), tracking.of(frame)
+    hand, level = hand_of(recorded.topology)
     return {
         "autoencoder": (own.mesh, own.points),
-        "template": (template, posed_points(hand.template.points, pose)),
+        "template": (hand.mesh(hand.neutral(), pose, level), posed_points(hand, hand.points, pose)),
         "tracked": (recorded, None),
     }
 

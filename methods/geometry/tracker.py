@@ -11,6 +11,7 @@ from torch import Tensor
 
 from handbench.device import device
 from handbench.errors import NonFinite, Unsupported
+from handbench.hand import hand_model, hand_of
 from handbench.method import Progress, Recording, silent
 from handbench.scene import Array, Frame, Mesh, Pose, Topology, Viewpoint, needed
 
@@ -19,7 +20,6 @@ from .config import Config, configuration
 from .model import GeometryModel, Shape, combined
 from .neutral import Neutral, full_frames, neutral
 from .scan import picture
-from .skeleton import level_of
 from .training import train
 
 NAME = "geometry"
@@ -95,7 +95,8 @@ class GeometryPrior:
 
     def save(self, folder: Path) -> None:
         """Write everything `Tracker.load` needs into an existing folder."""
-        state = {**self.model.state_dict(), "level": torch.tensor(self.model.level)}
+        name = torch.tensor([*self.model.hand.name.encode()], dtype=torch.uint8)
+        state = {**self.model.state_dict(), "level": torch.tensor(self.model.level), "hand": name}
         save_state(folder, NAME, asdict(self.model.config), state)
 
 
@@ -115,17 +116,18 @@ class Tracker:
 
         Raises `Unsupported` if there are none, if they have no depth, or if a subject lacks a neutral pose.
         """
-        level = level_of(needed(full_frames(recording).frames[0].mesh, "mesh"))
+        hand, level = hand_of(needed(full_frames(recording).frames[0].mesh, "mesh").topology)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            model = GeometryModel(self._config, level).to(device())
+            model = GeometryModel(self._config, hand, level).to(device())
         train(model, recording, seed, progress)
         return GeometryPrior(model)
 
     def load(self, folder: Path) -> GeometryPrior:
         """The prior that `GeometryPrior.save` wrote. Raises `InputError` for another version or configuration."""
         state = load_state(folder, NAME, asdict(self._config))
-        model = GeometryModel(self._config, int(state.pop("level")))
+        hand = hand_model(bytes(state.pop("hand").tolist()).decode())
+        model = GeometryModel(self._config, hand, int(state.pop("level")))
         model.load_state_dict(state)
         return GeometryPrior(model.to(device()))
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from handbench.hand import OpenHand
+from handbench.hand import HandModel
 from handbench.method import Progress, Recording
 from handbench.scene import Array, Camera, needed
 
@@ -93,8 +93,10 @@ class Lesson:
         posed = model.posed(shape, told, beyond)
         chosen = rng.choice(len(surface), min(config.points, len(surface)), replace=False)
         target = torch.from_numpy(surface[chosen]).float()
-        apart = target - closest(posed.vertices, OpenHand.load().topology(model.level).faces, target)
-        rough = torch.stack([(laplacian() @ (_MM * x)).square().mean() for x in (shape.offsets, posed.correctives)])
+        apart = target - closest(posed.vertices, model.hand.topology(model.level).faces, target)
+        rough = torch.stack(
+            [(laplacian(model.hand) @ (_MM * x)).square().mean() for x in (shape.offsets, posed.correctives)]
+        )
         return {
             "joint": config.joint * (_MM * (posed.points - torch.from_numpy(observed).float())).abs().mean(),
             "scan": config.scan * (_MM * apart).abs().mean(),
@@ -119,13 +121,12 @@ def closest(vertices: Tensor, faces: Array, points: Tensor) -> Tensor:
     return (weights[..., None] * vertices.index_select(0, corners.flatten()).unflatten(0, (-1, 3))).sum(dim=1)
 
 
-@lru_cache(maxsize=1)
-def laplacian() -> Tensor:
+@lru_cache
+def laplacian(hand: HandModel) -> Tensor:
     """Each coarse vertex minus the mean of its neighbours, (V, V) sparse."""
-    quads = OpenHand.load().quads(0)
-    pairs = np.concatenate([quads[:, [i, (i + 1) % 4]] for i in range(4)])
+    pairs = hand.edges()
     pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
-    count = int(quads.max()) + 1
+    count = len(hand.rest_position(0))
     share = 1.0 / np.bincount(pairs[:, 0], minlength=count)
     index = np.concatenate([np.tile(np.arange(count), (2, 1)), pairs.T], axis=1)
     values = np.concatenate([np.ones(count), -share[pairs[:, 0]]])
