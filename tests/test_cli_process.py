@@ -208,3 +208,10 @@ def test_an_output_waits_for_a_slow_reader():
     output.flush()
     os.close(writer)
     assert child.communicate()[0] == b"1000000\n"
+
+
+def test_a_folder_that_is_gone_is_told(tmp_path):
+    (tmp_path / "gone").mkdir()
+    line = f"cd {tmp_path}/gone && rmdir ../gone && {sys.executable} -m handbench.cli list"
+    done = subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1) and "the current folder is gone" in done.stderr

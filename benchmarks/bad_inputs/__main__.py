@@ -25,7 +25,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", choices=FAMILIES, help="one family")
     parser.add_argument("--jobs", type=int, default=2, help="processes side by side (default: 2)")
-    parser.add_argument("--limit", type=float, default=LIMIT, metavar="SECONDS", help="for one input (default: 30)")
+    parser.add_argument("--limit", type=float, default=LIMIT, metavar="SECONDS", help="for one input (default: 60)")
     parser.add_argument("--out", type=Path, metavar="JSON", help="write every fault there")
     arguments = parser.parse_args()
     start = time.monotonic()

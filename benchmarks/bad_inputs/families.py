@@ -328,6 +328,10 @@ def _same_values(sound: dict[str, float]) -> Callable[[str], bool]:
     """Whether every value that is told is the sound one: values may be missing, none may be another."""
 
     def right(out: str) -> bool:
-        return all(key in sound and abs(sound[key] - value) < 1e-9 for key, value in values(out).items())
+        try:
+            found = values(out)
+        except ValueError:
+            return False
+        return all(key in sound and abs(sound[key] - value) < 1e-9 for key, value in found.items())
 
     return right

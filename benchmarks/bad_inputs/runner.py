@@ -17,8 +17,8 @@ from threading import local
 
 from .case import Answer, Case
 
-LIMIT = 30.0  # seconds a case may take
-START = 120.0  # seconds until a worker is ready
+LIMIT = 60.0  # seconds a case may take
+START = 300.0  # seconds until a worker is ready
 _OWN = {"OMP_NUM_THREADS": "1", "PYTHONFAULTHANDLER": ""}
 
 

@@ -46,6 +46,7 @@ def main(argv: list[str] | None = None, stops: Stops | None = None) -> int:
     gc.set_threshold(100_000, 50, 100)  # by default 0.3 s are spent on looking through torch while it loads
     arguments = _parser().parse_args(argv)
     try:
+        _check_place()
         code: int = arguments.verb(arguments)
         sys.stdout.flush()
         return code
@@ -53,6 +54,18 @@ def main(argv: list[str] | None = None, stops: Stops | None = None) -> int:
         from .endings import ending
 
         return ending(error, getattr(arguments, "resumes", False), stops.signal if stops else None)
+
+
+def _check_place() -> None:
+    """Raises `InputError` if the folder that the command was given in is gone: libraries ask for it in odd moments."""
+    import os
+
+    try:
+        os.getcwd()  # noqa: PTH109  (pathlib is not needed otherwise)
+    except OSError as error:
+        from ..errors import InputError
+
+        raise InputError("the current folder is gone; change to one that exists") from error
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -73,12 +73,14 @@ def _some(labels: tuple[str, ...]) -> str:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from ..bench.check import check
     from ..bench.run import find_protocol
     from ..registry import METHODS
 
     METHODS.entry(arguments.method)
-    verdicts = check(arguments.method, find_protocol(arguments.protocol), arguments.preset, arguments.data)
+    protocol = find_protocol(arguments.protocol)
+    from ..bench.check import check  # loads torch, which a mistyped name does without
+
+    verdicts = check(arguments.method, protocol, arguments.preset, arguments.data)
     words = {True: "holds", False: "BROKEN", None: "n/a"}
     for verdict in verdicts:
         say(f"{verdict.law:<12} {words[verdict.holds]:<7} {verdict.detail}")
