@@ -6,11 +6,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from handbench.metrics.networks import features
+from .alexnet import features
 
 WEIGHTS = (0.8, 0.1, 0.1)
 """Of AlexNet's first three layers. URHand's released code weighs three layers of an EfficientNet-B0 so; its weights
-are not shipped here, and AlexNet's are, as those of LPIPS-Alex: read that metric with this loss in mind."""
+are not shipped here, and AlexNet's are, in a copy of the methods' own. LPIPS-Alex looks at pictures with the same
+weights: read that metric with this loss in mind."""
 
 PATCH = 64
 """Pixels along a patch: a random one a step costs a quarter of the whole picture and has its gradient on average."""
@@ -44,4 +45,4 @@ def _features(pictures: Tensor) -> list[Tensor]:
     height, width = clipped.shape[-2:]
     if min(height, width) < _LEAST:
         clipped = torch.nn.functional.pad(clipped, (0, max(0, _LEAST - width), 0, max(0, _LEAST - height)))
-    return features("alex", clipped, len(WEIGHTS))
+    return features(clipped)
