@@ -16,8 +16,9 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ..base import Metric, Score, scores
+from ..base import Metric, Score
 from ..pair import Pair
+from ..view import Looks
 
 CSV_COLUMNS = ("file", "metric", "value", "unit", "better", "scored", "reason", "signature")
 
@@ -86,10 +87,22 @@ def lines(metrics: Sequence[Metric], pairs: Iterable[tuple[str, Pair | str]]) ->
     """
     found: list[dict[str, Score]] = [{} for _ in metrics]
     for name, pair in pairs:
-        row = [Score(None, pair)] * len(metrics) if isinstance(pair, str) else scores(metrics, [pair])[0]
+        looks = None if isinstance(pair, str) else Looks(pair)
+        row = [Score(None, str(pair)) if looks is None else _score(metric, looks) for metric in metrics]
         for of_metric, score in zip(found, row, strict=True):
             of_metric[name] = score
     return [Line(metric, of_metric) for metric, of_metric in zip(metrics, found, strict=True)]
+
+
+def _score(metric: Metric, looks: Looks) -> Score:
+    """The score, or for a picture that is too large for the machine, that as the reason."""
+    try:
+        return metric.score(looks)
+    except (MemoryError, RuntimeError) as error:  # torch has no type of its own for memory of a CPU
+        if not isinstance(error, MemoryError) and "memory" not in str(error):
+            raise
+        height, width = looks.mask.shape
+        return Score(None, f"not enough memory for {width}x{height} pixels; ask for fewer metrics with --only")
 
 
 def render_terminal(found: Sequence[Line]) -> RenderableType:

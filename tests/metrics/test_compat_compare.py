@@ -6,10 +6,12 @@ import csv
 import io
 from types import SimpleNamespace
 
+import numpy as np
+import pytest
 from rich.console import Console
 
-from handbench.metrics import Score
-from handbench.metrics.compat.compare import Line, notes, render_csv, render_markdown, render_terminal
+from handbench.metrics import Family, Pair, Score
+from handbench.metrics.compat.compare import Line, lines, notes, render_csv, render_markdown, render_terminal
 
 
 def line(name: str, title: str, *values: float | None, unit: str = "", higher: bool = True) -> Line:
@@ -61,3 +63,20 @@ def test_csv_averages_what_is_there_and_says_how_much() -> None:
 
 def test_markdown_escapes_signatures() -> None:
     assert r"| x-psnr-hdr | ↑ | 40.00 | dB 1/2 | `x-psnr-hdr\|v1` |" in render_markdown(LINES).splitlines()
+
+
+def test_a_picture_that_memory_does_not_hold_has_no_value_and_the_reason() -> None:
+    def measure(error: Exception) -> Family:
+        def fail(view: object) -> float:
+            raise error
+
+        return Family("large", "Large", fail, higher_is_better=True)
+
+    pair = Pair(np.ones((4, 6, 3)), np.ones((4, 6, 3)), np.ones((4, 6)))
+    for error in (MemoryError(), RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried 9 bytes")):
+        (found,) = lines([measure(error).with_options({})], [("a", pair)])
+        assert found.reason == "not enough memory for 6x4 pixels; ask for fewer metrics with --only"
+    with pytest.raises(RuntimeError, match="broken"):
+        lines([measure(RuntimeError("broken")).with_options({})], [("a", pair)])
+    (found,) = lines([measure(MemoryError()).with_options({})], [("a", "the file is damaged")])
+    assert found.reason == "the file is damaged"
