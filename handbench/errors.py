@@ -3,6 +3,7 @@
 HandbenchError          anything the command line reports without a traceback (exit code 2)
 ├── InputError          what the user gave cannot be used
 │   └── Absent              a file that is to be read is not there
+│   └── BadFrame        one frame of a capture cannot be used
 ├── Unsupported         a method cannot do what a protocol asks (shown in the table with its reason)
 ├── NonFinite           a computation produced NaN or infinity
 ├── Changed             a method changed what it was given
@@ -27,6 +28,10 @@ class InputError(HandbenchError, ValueError):
 
 class Absent(InputError):
     """A file that is to be read is not there."""
+
+
+class BadFrame(InputError):
+    """One frame of a capture cannot be used; the text begins with its key. Other frames may be sound."""
 
 
 class Unsupported(HandbenchError):

@@ -94,3 +94,21 @@ def test_a_prediction_may_hold_nan_so_that_scoring_can_see_it() -> None:
 def test_unknown_names_come_with_the_closest_known_ones() -> None:
     assert "did you mean 'urhand'?" in str(unknown_name("method", "urhnad", ["urhand", "oracle"]))
     assert "known: oracle, urhand" in str(unknown_name("method", "xyz", ["urhand", "oracle"]))
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.int64, bool])
+@pytest.mark.parametrize("made", [Observation, Prediction])
+def test_codes_are_no_light(kind: type, made: type) -> None:
+    image, alpha = np.ones((2, 3, 3)), np.ones((2, 3))
+    with pytest.raises(InputError, match=r"image holds whole numbers .* divide .*, then make sRGB linear"):
+        made(image.astype(kind), alpha)
+    if kind is bool:
+        assert made(image, alpha.astype(bool)).alpha.dtype == np.float32
+    else:
+        with pytest.raises(InputError, match=r"alpha holds whole numbers .* divide by the greatest code$"):
+            made(image, alpha.astype(kind))
+
+
+def test_uvs_beyond_the_unit_square_are_refused() -> None:
+    with pytest.raises(InputError, match=r"uvs reach from 0 to 3, expected 0 to 1"):
+        Topology([[0, 1, 2]], [[0, 0], [3, 0], [0, 1]], [[0, 1, 2]])

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..data.capture import Capture
-from ..errors import Changed, HandbenchError, StorageError, Unsupported
+from ..data.capture import Capture, by_key, read
+from ..errors import BadFrame, Changed, StorageError, Unsupported
 from ..method import Avatar, Method, MethodInfo, PosedAvatar, Progress, RecordedAvatar
 from ..recording import Recording
 from ..scene import Frame, Light, Observation, Prediction, kind_of, leaves
@@ -37,19 +37,30 @@ class CaptureReader:
     """Reads a capture for methods and remembers its errors: damaged data is the user's to mend, no method's failure.
 
     Frames are looked up by their keys, and images are copies: what a method does to either reaches nobody else.
+    Raises `InputError` for a capture with two frames of one key.
     """
 
     def __init__(self, capture: Capture) -> None:
         self._capture = capture
-        self._frames = {frame.key: frame for frame in capture.frames()}
-        self.error: HandbenchError | None = None
+        self._frames = by_key(capture.frames())
+        self._error: BadFrame | None = None
 
     def __call__(self, frame: Frame) -> Observation:
+        """The images of a frame. Raises `BadFrame`, whatever is wrong with them."""
         try:
-            return copied(self._capture.observe(self._frames.get(frame.key, frame)))
-        except HandbenchError as error:
-            self.error = error
+            return copied(read(self._capture, self._frames.get(frame.key, frame)))
+        except BadFrame as error:
+            self._error = error
             raise
+
+    def caused(self, error: BaseException) -> BadFrame | None:
+        """The bad frame that an error comes from, also if a method or another process wrapped it."""
+        bad, link = self._error, error
+        while bad is not None and link is not None:
+            if link is bad or str(link) == str(bad):
+                return bad
+            link = link.__cause__ or link.__context__
+        return None
 
 
 @dataclass(frozen=True)
@@ -80,8 +91,8 @@ class Bench:
 def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Progress]) -> dict[str, Any]:
     """Times, scores, failures, laws and skips of a cell as JSON values; its predictions are written to the store.
 
-    Whatever the method raises becomes the reason of its scores. What is not its fault is raised: `StorageError`
-    for the disk, `InputError` for a damaged capture.
+    Whatever the method raises, and a frame that cannot be read, becomes the reason of its scores. `StorageError` is
+    raised: the disk is not its fault.
     """
     with isolated():
         lent = replace(bench, selected=bench.lender.lend(bench.selected, cell.method))
@@ -242,7 +253,8 @@ def _relight(
                 if not isinstance(second, Failure):
                     same = (same is not False) and _same(answer, second)
         start = time.perf_counter()
-        scores |= _score(bench, drawn)
+        found, bad = _score(bench, drawn)
+        scores, trace = scores | found, trace or bad
         times["score_s"] += time.perf_counter() - start
         kept = _keep(bench.store, cell.key, drawn) or kept
     times |= {
@@ -251,10 +263,10 @@ def _relight(
     }
     times["relight_s"] += warming.seconds + drawing.seconds
     flat = [{**score, "column": column} for column, frame in scored for score in scores[frame.key]]
-    found = {"times": times, "scores": flat, "same_pixels": same, "predictions": kept, "error": trace}
+    result = {"times": times, "scores": flat, "same_pixels": same, "predictions": kept, "error": trace}
     if info.truth or not drawable:
-        return found, dict
-    return found, partial(measured, avatar, drawable, frames[-1].query)
+        return result, dict
+    return result, partial(measured, avatar, drawable, frames[-1].query)
 
 
 def _repeated(frames: Sequence[Frame]) -> set[str]:
@@ -282,16 +294,20 @@ def _keep(store: Store, key: str, drawn: Iterable[tuple[Frame, Prediction]]) -> 
 
 
 def blame(error: BaseException, reader: CaptureReader) -> Failure:
-    """The failure of a method, unless the disk, the capture or the user caused it: then that error is raised."""
+    """What went wrong in a method, or in a frame that it read. Raises again what the disk or the user caused."""
     if isinstance(error, StorageError):
         raise error
-    if reader.error is not None:
-        raise reader.error
-    return failure(error)
+    return failure(reader.caused(error) or error)
 
 
-def _score(bench: Bench, drawn: Iterable[tuple[Frame, Prediction]]) -> dict[str, list[dict[str, Any]]]:
-    """The scores of each query by its key; a prediction with NaN or infinity gets none, and the reason."""
+def _score(
+    bench: Bench, drawn: Iterable[tuple[Frame, Prediction]]
+) -> tuple[dict[str, list[dict[str, Any]]], str | None]:
+    """The scores of each query by its key, and the traceback of a frame that is to be mended.
+
+    A prediction with NaN or infinity, and a frame that cannot be read, get none, and the reason.
+    """
+    trace: str | None = None
     scores: dict[str, list[dict[str, Any]]] = {}
     finite: list[tuple[Frame, Any]] = []
     for frame, prediction in drawn:
@@ -300,14 +316,21 @@ def _score(bench: Bench, drawn: Iterable[tuple[Frame, Prediction]]) -> dict[str,
             trouble = Failure(f"non-finite: {bad} values of the prediction are NaN or infinite", None)
             scores[frame.key] = _missing(bench, "", frame, trouble)
         else:
-            truth = bench.reader(frame)
+            try:
+                truth = bench.reader(frame)
+                if truth.alpha is None:
+                    raise BadFrame(f"{frame.key}: it has no alpha, so no mask to score in")
+            except BadFrame as error:
+                trouble = failure(error)
+                trace, scores[frame.key] = trouble.trace, _missing(bench, "", frame, trouble)
+                continue
             finite.append((frame, bench.metrics_module.Pair.of(prediction, truth, frame.mesh)))
             scores[frame.key] = []
     rows = bench.metrics_module.scores(list(bench.metrics.values()), [pair for _, pair in finite])
     for (frame, _), row in zip(finite, rows, strict=True):
         for signature, score in zip(bench.metrics, row, strict=True):
             scores[frame.key].append(_entry("", frame, signature, score.value, score.reason))
-    return scores
+    return scores, trace
 
 
 def _failed(bench: Bench, scored: list[tuple[str, Frame]], failed: Failure) -> dict[str, Any]:

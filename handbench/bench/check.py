@@ -62,7 +62,7 @@ def _tried(method: Method, protocol: Protocol, selected: Selected, reader: Captu
     try:
         trial = _Trial(method, protocol, selected, reader)
     except BaseException as error:
-        return [Verdict("trains and personalises", False, blame(error, reader).reason)]
+        return [Verdict("trains and personalises", False, _reason(error, reader))]
     laws: dict[str, Callable[[], Verdict]] = {
         "finite": trial.finite,
         "no mutation": trial.no_mutation,
@@ -76,8 +76,15 @@ def _tried(method: Method, protocol: Protocol, selected: Selected, reader: Captu
         try:
             verdicts.append(tried())
         except BaseException as error:
-            verdicts.append(Verdict(law, False, blame(error, reader).reason))
+            verdicts.append(Verdict(law, False, _reason(error, reader)))
     return verdicts
+
+
+def _reason(error: BaseException, reader: CaptureReader) -> str:
+    """Why a law does not hold. Raises `BadFrame` again: that is the user's to mend, and no law is broken."""
+    if bad := reader.caused(error):
+        raise bad
+    return blame(error, reader).reason
 
 
 class _Watched:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from dataclasses import dataclass
 
-from ..errors import Changed, HandbenchError, NonFinite, Unsupported
+from ..errors import BadFrame, Changed, HandbenchError, NonFinite, Unsupported
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ def failure(error: BaseException) -> Failure:
     if isinstance(error, MemoryError) or "out of memory" in str(error) or "not enough memory" in str(error):
         return Failure("out of memory", trace)
     text = " ".join(str(error).split())
+    if isinstance(error, BadFrame):
+        return Failure(f"bad frame: {text}", trace)
     if isinstance(error, Changed):
         return Failure(f"changed what it was given: {text}", trace)
     if isinstance(error, HandbenchError):

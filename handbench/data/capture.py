@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
+from ..errors import BadFrame, HandbenchError, InputError, StorageError
 from ..method import Progress, silent
 from ..recording import Recording
 from ..registry import CAPTURES
@@ -44,3 +45,31 @@ class Capture(ABC):
     def recording(self, frames: Iterable[Frame]) -> Recording:
         """The given frames as a method sees them."""
         return Recording(frames, self.observe)
+
+
+def by_key(frames: Iterable[Frame]) -> Mapping[str, Frame]:
+    """Frames by their keys. Raises `InputError` for a key that comes twice."""
+    found: dict[str, Frame] = {}
+    for frame in frames:
+        if frame.key in found:
+            raise InputError(f"the capture has two frames {frame.key}; name poses, cameras and lightings apart")
+        found[frame.key] = frame
+    return found
+
+
+def read(capture: Capture, frame: Frame) -> Observation:
+    """The images of a frame, of its camera's size. Raises `BadFrame` for whatever is wrong with them."""
+    try:
+        seen = capture.observe(frame)
+        if not isinstance(seen, Observation):
+            raise InputError(f"the capture gives a {type(seen).__name__}, no Observation")
+        height, width = seen.image.shape[:2]
+        if (height, width) != (frame.camera.height, frame.camera.width):
+            wanted = f"{frame.camera.width}x{frame.camera.height}"
+            raise InputError(f"its picture is {width}x{height}, its camera says {wanted}")
+    except (StorageError, MemoryError):
+        raise
+    except (Exception, SystemExit) as error:
+        kind = "" if isinstance(error, HandbenchError) else f"{type(error).__name__}: "
+        raise BadFrame(f"{frame.key}: {kind}{' '.join(str(error).split())}") from error
+    return seen

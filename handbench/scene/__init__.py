@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ..errors import InputError, Unsupported
 from .arrays import Array
 from .arrays import checked as _array
+from .arrays import measured as _measured
 from .arrays import put as _set
 from .camera import Box, Camera, Uncalibrated
 from .light import (
@@ -105,6 +106,9 @@ class Pose:
         _set(self, "translation", _array("pose", "translation", self.translation, (3,), np.float64))
 
 
+_UV_SLACK = 1e-4  # that rounding may take a UV out of [0, 1]
+
+
 @dataclass(frozen=True, eq=False)
 class Topology:
     """What all meshes of a capture share: faces (F, 3), and, if it is unwrapped, its UVs.
@@ -125,6 +129,11 @@ class Topology:
             if np.asarray(self.uvs).size == 0:
                 raise InputError("topology: uvs is empty; unwrap the mesh, or leave out uvs and uv_faces")
             _set(self, "uvs", _array("topology", "uvs", self.uvs, (None, 2), np.float64))
+            low, high = float(self.uvs.min()), float(self.uvs.max())
+            if low < -_UV_SLACK or high > 1.0 + _UV_SLACK:
+                raise InputError(
+                    f"topology: uvs reach from {low:g} to {high:g}, expected 0 to 1; pack the charts into one texture"
+                )
             _set(self, "uv_faces", _array("topology", "uv_faces", self.uv_faces, self.faces.shape, np.int32))
             if len(self.uv_faces) and (self.uv_faces.min() < 0 or self.uv_faces.max() >= len(self.uvs)):
                 raise InputError(f"topology: uv_faces points outside the {len(self.uvs)} UVs; the mesh file is damaged")
@@ -254,12 +263,14 @@ class Observation:
     uv: Array | None = None
 
     def __post_init__(self) -> None:
-        image = _array("observation", "image", self.image, (None, None, 3), np.float32)
+        given = _measured("observation", "image", self.image)
+        image = _array("observation", "image", given, (None, None, 3), np.float32)
         _set(self, "image", image)
         height, width = image.shape[:2]
         for name, channels in (("alpha", ()), ("normal", (3,)), ("depth", ()), ("uv", (2,))):
             value = getattr(self, name)
             if value is not None:
+                value = _measured("observation", name, value)
                 _set(self, name, _array("observation", name, value, (height, width, *channels), np.float32))
 
 
@@ -283,8 +294,8 @@ class Prediction:
     joints: Array | None = None
 
     def __post_init__(self) -> None:
-        image = np.asarray(self.image, dtype=np.float32)
-        alpha = np.asarray(self.alpha, dtype=np.float32)
+        image = _measured("prediction", "image", self.image).astype(np.float32, copy=False)
+        alpha = _measured("prediction", "alpha", self.alpha).astype(np.float32, copy=False)
         if image.ndim != 3 or image.shape[2] != 3 or alpha.shape != image.shape[:2]:
             raise InputError(
                 f"prediction: image {image.shape} and alpha {alpha.shape} do not fit; expected (H, W, 3) and (H, W)"

@@ -28,6 +28,15 @@ def checked(owner: str, name: str, value: ArrayLike, shape: tuple[int | None, ..
     return array
 
 
+def measured(owner: str, name: str, value: ArrayLike) -> Array:
+    """What a camera or a method gives, as an array. Raises `InputError` for whole numbers: those are codes."""
+    array: Array = np.asarray(value)
+    if array.dtype.kind in "iu" or (array.dtype.kind == "b" and name != "alpha"):
+        remedy = "divide by the greatest code" + ("" if name == "alpha" else ", then make sRGB linear")
+        raise InputError(f"{owner}: {name} holds whole numbers ({array.dtype}), expected floats; {remedy}")
+    return array
+
+
 def put(instance: object, name: str, value: object) -> None:
     """Set a field of a frozen dataclass while it is made."""
     object.__setattr__(instance, name, value)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -164,12 +166,62 @@ def test_enrolment_is_fully_lit_frames_and_own_training_frames_for_methods_of_on
     assert fakes.CALLS["toy-identity enrolled with full"] == 1
 
 
-def test_a_damaged_capture_stops_the_run_in_one_sentence(fakes, toy_protocol, tmp_path):
-    with pytest.raises(InputError, match=r"s02/pose-2/front/group-0\.exr is damaged"):
-        run(toy_protocol(size="damaged"), out=tmp_path)
-    with pytest.raises(InputError, match="is damaged"):  # also where a method is the first to read it
-        run(toy_protocol(size="damaged"), methods=["oracle"], out=tmp_path)
-    assert len(list((tmp_path / "cells").iterdir())) == 2, "the first subject's cells are kept"
+@pytest.mark.parametrize("method", ["toy", "oracle"])  # the bench, or a method, is the first to read it
+def test_a_damaged_frame_is_named_and_the_others_are_scored(fakes, toy_protocol, tmp_path, method):
+    outcome = run(toy_protocol(size="damaged"), methods=[method], out=tmp_path)
+    key = "s02/pose-2/front/group-0"
+    found = {query: score for (_, query), score in scores(tmp_path, method).items()}
+    assert found.pop(key)["reason"] == f"bad frame: {key}: image {key}.exr is damaged; make the capture again"
+    assert all(np.isfinite(score["value"]) for score in found.values())
+    assert len(outcome.crashed) == 1 and f"bad frame: {key}" in outcome.crashed[0]
+    again = run(toy_protocol(size="damaged"), methods=[method], out=tmp_path)
+    assert (again.computed, again.reused) == (1, 1), "what is mended is scored by the next run"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (lambda seen: FileNotFoundError(2, "No such file or directory", "a.exr"), "FileNotFoundError: .*a.exr"),
+        (lambda seen: replace(seen, image=np.full((8, 8, 3), np.nan)), "image holds 192 values that are NaN"),
+        (lambda seen: replace(seen, image=np.zeros((6, 8, 3)), alpha=np.zeros((6, 8))), "8x6, its camera says 8x8"),
+        (lambda seen: replace(seen, alpha=None), "no alpha"),
+        (lambda seen: replace(seen, image=np.zeros((8, 8, 3), np.uint8)), r"whole numbers \(uint8\)"),
+        (lambda seen: None, "gives a NoneType"),
+        (lambda seen: SystemExit(3), "SystemExit: 3"),
+    ],
+)
+def test_whatever_is_wrong_with_a_frame(fakes, toy_protocol, tmp_path, monkeypatch, wrong, told):
+    honest, key = fakes.ToyCapture.observe, "s02/pose-2/front/group-0"
+
+    def observe(self, frame):
+        seen = honest(self, frame)
+        found = wrong(seen) if frame.key == key else seen
+        if isinstance(found, BaseException):
+            raise found
+        return found
+
+    monkeypatch.setattr(fakes.ToyCapture, "observe", observe)
+    run(toy_protocol(), out=tmp_path)
+    found = {query: score for (_, query), score in scores(tmp_path, "toy").items()}
+    assert re.match(f"bad frame: {key}: .*{told}", found.pop(key)["reason"])
+    assert all(np.isfinite(score["value"]) for score in found.values())
+
+
+def test_a_bad_frame_of_training_is_no_fault_of_the_method(fakes, toy_protocol, tmp_path):
+    key = "s02/pose-0/front/full"
+    protocol = toy_protocol()
+    with pytest.MonkeyPatch.context() as patch:
+        honest = fakes.ToyCapture.__init__
+        patch.setattr(fakes.ToyCapture, "__init__", lambda self, **_: honest(self, damaged=key))
+        outcome = run(protocol, out=tmp_path)
+    assert [crash.split(": ", 1)[1].startswith(f"bad frame: {key}") for crash in outcome.crashed] == [True]
+
+
+def test_two_frames_of_one_key_are_refused(fakes, toy_protocol, tmp_path, monkeypatch):
+    honest = fakes.ToyCapture.frames
+    monkeypatch.setattr(fakes.ToyCapture, "frames", lambda self: (*honest(self), honest(self)[0]))
+    with pytest.raises(InputError, match="two frames s01/pose-0/front/olat-00"):
+        run(toy_protocol(), out=tmp_path)
 
 
 def test_a_changed_title_is_told_without_computing(fakes, toy_protocol, tmp_path):

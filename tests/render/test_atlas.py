@@ -70,4 +70,4 @@ def test_useless_atlases_are_refused(shapes) -> None:
     with pytest.raises(InputError, match="at least 1"):
         Atlas(shapes.plane().topology, 0)
     with pytest.raises(InputError, match="no texel"):
-        Atlas(Topology([[0, 1, 2]], [[2, 2], [3, 2], [2, 3]], [[0, 1, 2]]), 8)
+        Atlas(Topology([[0, 1, 2]], [[0.5, 0.5], [0.51, 0.5], [0.5, 0.51]], [[0, 1, 2]]), 8)
