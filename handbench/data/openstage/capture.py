@@ -66,7 +66,7 @@ class OpenStage(Capture):
         weights = self._weights[lighting]
         image = np.zeros((height, width, 3), np.float32)
         for i in np.flatnonzero(weights):
-            image += np.float32(weights[i]) * self._read(f"{folder}/{olat_name(i)}.exr", height, width)
+            image += np.float32(weights[i]) * self._read(f"{folder}/{olat_name(int(i))}.exr", height, width)
         image.flags.writeable = False  # the fully lit ones are shared
         return image
 
