@@ -33,7 +33,7 @@ def main() -> None:
     found = [*start_up(), *shading(), *scoring(), *urhand(arguments.size), *poses(arguments.size), *cached_run()]
     if arguments.whole:
         found += whole_run()
-    content = {"device": device(), "measurements": [asdict(measurement) for measurement in found]}
+    content = {"device": asdict(device()), "measurements": [asdict(measurement) for measurement in found]}
     RESULTS.write_text(json.dumps(content, indent=1) + "\n")
     Console().print(_table(found))
     print(f"written to {RESULTS}")

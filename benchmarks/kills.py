@@ -204,8 +204,8 @@ def _phase(run: Path) -> str:
     planned = Store(run).run()
     if planned is None:
         return "starting"
-    done = sum((run / "cells" / f"{key}.json").is_file() for key in planned["cells"])
-    if done == len(planned["cells"]):
+    done = sum((run / "cells" / f"{key}.json").is_file() for key in planned.cells)
+    if done == len(planned.cells):
         return "reports"
     if any(run.glob("checkpoints/*/*")):
         return "training"
@@ -220,7 +220,12 @@ def main() -> None:
     begin = time.monotonic()
     with tempfile.TemporaryDirectory() as places:
         losses = kills(arguments.kills, arguments.seed, Path(places))
-    told = {**asdict(losses), "seed": arguments.seed, "seconds": round(time.monotonic() - begin), "device": device()}
+    told = {
+        **asdict(losses),
+        "seed": arguments.seed,
+        "seconds": round(time.monotonic() - begin),
+        "device": asdict(device()),
+    }
     RESULTS.write_text(json.dumps(told, indent=1) + "\n")
     print(json.dumps(told, indent=1))
     sys.exit(1 if losses.lost else 0)

@@ -2,8 +2,9 @@
 
 HandbenchError          anything the command line reports without a traceback (exit code 2)
 ├── InputError          what the user gave cannot be used
-│   └── Absent              a file that is to be read is not there
-│   └── BadFrame        one frame of a capture cannot be used
+│   ├── Absent              a file that is to be read is not there
+│   ├── BadFrame            one frame of a capture cannot be used
+│   └── Damaged             a file is not what was written
 ├── Unsupported         a method cannot do what a protocol asks (shown in the table with its reason)
 ├── NonFinite           a computation produced NaN or infinity
 ├── Changed             a method changed what it was given
@@ -32,6 +33,10 @@ class Absent(InputError):
 
 class BadFrame(InputError):
     """One frame of a capture cannot be used; the text begins with its key. Other frames may be sound."""
+
+
+class Damaged(InputError):
+    """A file is not what was written."""
 
 
 class Unsupported(HandbenchError):

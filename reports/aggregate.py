@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handbench.bench.results import NOT_FINITE, Values
+from handbench.bench.oldrecord import NOT_FINITE
 from handbench.bench.statistics import (
     RESAMPLES,
     aggregate,
@@ -19,6 +19,7 @@ from handbench.bench.statistics import (
     over_seeds,
     seed_spread,
 )
+from handbench.bench.values import Values
 from handbench.scene import Array
 
 from .model import Cell, Column

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
-from typing import Any
 
-from handbench.bench.reading import Run, mismatch, read_run, role_of
-from handbench.bench.results import Results, Values
+from handbench.bench.reading import Run, completed, mismatch, read_run
+from handbench.bench.record import CellRecord, MethodRecord, MetricRecord, ProtocolRecord, PublishedRecord, Spread
 from handbench.bench.statistics import CONFIDENCE, least_p
+from handbench.bench.values import Values, values_of
 from handbench.errors import InputError, unknown_name
+from handbench.scene import FrameKind
 
 from .aggregate import Footnotes, column_cells, with_differences
 from .agreement import agreements
@@ -34,15 +35,14 @@ def build(*runs: Run, baseline: str | None = None) -> Table:
     for other in runs[1:]:
         if why := mismatch(runs[0], other):
             raise InputError(f"these runs cannot share a table: {why}")
-    protocol = runs[0].plan["protocol"]
-    metrics = tuple(Metric(**metric) for metric in protocol["metrics"])
-    groups = tuple(Group(group["name"], group["title"]) for group in protocol["columns"])
+    protocol = runs[0].plan.protocol
+    metrics = tuple(map(shown_metric, protocol.metrics))
+    groups = tuple(Group(column.name, column.title) for column in protocol.columns)
     columns = tuple(Column(group, metric) for group in groups for metric in metrics)
-    with Results(runs) as results:
-        sources = tuple(_sources(results))
+    sources = tuple(_sources(completed(runs)))
     against = _position(sources, baseline) if baseline else None
     notes = Footnotes()
-    kinds: list[Kind] = [role_of(source.info) for source in sources]
+    kinds: list[Kind] = [source.method.role for source in sources]
     measured = [kind == "method" for kind in kinds]
     cells: list[list[Cell]] = [[] for _ in sources]
     for start, group in enumerate(groups):
@@ -54,11 +54,12 @@ def build(*runs: Run, baseline: str | None = None) -> Table:
         for row, more in zip(cells, found, strict=True):
             row += more
     rows = tuple(_row(source, kind, tuple(row)) for source, kind, row in zip(sources, kinds, cells, strict=True))
-    published = tuple(_published(told, columns, len(metrics)) for told in protocol.get("published", ()))
+    published = tuple(_published(told, columns, len(metrics)) for told in protocol.published)
     order = tuple(agreements(columns, rows, [source.values for source in sources], published))
-    title = f"{protocol['title']} ({protocol['name']}@{protocol['version']})"
+    title = f"{protocol.title} ({protocol.label})"
     named = "" if against is None else sources[against].title
-    remarks, limits = tuple(_remarks(protocol)), tuple(_limits(rows, named))
+    remarks = (*_remarks(protocol), *_old_times(runs))
+    limits = tuple(_limits(rows, named))
     return Table(title, columns, (*rows, *published), notes.texts(), remarks, order, named, limits)
 
 
@@ -68,26 +69,26 @@ class _Source:
 
     name: str
     title: str
-    info: dict[str, Any]
+    method: MethodRecord
     values: dict[str, Values]
-    cells: list[dict[str, Any]]
+    cells: list[CellRecord]
 
 
-def _sources(results: Results) -> Iterator[_Source]:
+def _sources(runs: Sequence[Run]) -> Iterator[_Source]:
     """The methods of all runs, each once."""
-    labels = _labels(results.runs)
+    labels = _labels(runs)
     seen: dict[str, list[set[str]]] = {}
-    for run, label in zip(results.runs, labels, strict=True):
-        values, cells = results.values(run), results.cells(run)
-        for info in run.plan["methods"]:
-            name = info["name"]
-            of_method = [cell for cell in cells if cell["method"] == name]
-            keys = {cell["key"] for cell in of_method}
+    for run, label in zip(runs, labels, strict=True):
+        values, cells = values_of(run), run.in_order
+        for method in run.plan.methods:
+            name = method.name
+            of_method = [cell for cell in cells if cell.method.name == name]
+            keys = {cell.key for cell in of_method}
             before = seen.setdefault(name, [])
             if keys not in before:
                 mark = f" ({label})" if before else ""
-                columns = {column: found for (method, column), found in values.items() if method == name}
-                yield _Source(f"{name}{mark}", f"{info['title']}{mark}", info, columns, of_method)
+                columns = {column: found for (owner, column), found in values.items() if owner == name}
+                yield _Source(f"{name}{mark}", f"{method.title}{mark}", method, columns, of_method)
                 before.append(keys)
 
 
@@ -104,32 +105,49 @@ def _position(sources: Sequence[_Source], baseline: str) -> int:
     return names.index(baseline)
 
 
-def _published(told: dict[str, Any], columns: tuple[Column, ...], metrics: int) -> Row:
+def shown_metric(metric: MetricRecord) -> Metric:
+    """A metric of a run as tables show it."""
+    about = (metric.name, metric.title, metric.signature, metric.higher_is_better)
+    return Metric(*about, latex=metric.latex, unit=metric.unit, decimals=metric.decimals)
+
+
+def _published(told: PublishedRecord, columns: tuple[Column, ...], metrics: int) -> Row:
     """A paper's row; a run tells its values by column, in the order of the metrics."""
     cells = []
     for index, column in enumerate(columns):
-        values = told["values"].get(column.group.name, [None] * metrics)
+        values = told.values.get(column.group.name, (None,) * metrics)
         cells.append(Cell(values[index % metrics], None, None, 0, 0))
     return Row(
-        name=told["method"],
-        title=told["title"],
+        name=told.method,
+        title=told.title,
         kind="published",
-        fidelity=told["source"],
+        fidelity=told.source,
         cells=tuple(cells),
         times=Times(None, None, {}, {}),
-        marker=told["marker"],
+        marker=told.marker,
     )
 
 
-def _remarks(protocol: dict[str, Any]) -> Iterator[str]:
-    if rows := protocol.get("published"):
+def _remarks(protocol: ProtocolRecord) -> Iterator[str]:
+    if rows := protocol.published:
         yield (
             "Published rows hold what their authors measured on their own data, with metric settings they did not "
             "publish: not comparable with measured values, so not ranked with them."
         )
-        if protocol["published_note"]:
-            yield protocol["published_note"]
-        yield from dict.fromkeys(f"{row['marker'] or 'Published'}: {row['source']}." for row in rows)
+        if protocol.published_note:
+            yield protocol.published_note
+        yield from dict.fromkeys(f"{row.marker or 'Published'}: {row.source}." for row in rows)
+
+
+def _old_times(runs: Sequence[Run]) -> Iterator[str]:
+    """That times of frames are left out, where a run was timed before their names said what they measure."""
+    for run in runs:
+        cells = [cell for cell in run.cells if cell.schema == 1 and cell.method.timed]
+        if cells and not any(cell.times.new_pose_ms for cell in cells):
+            yield (
+                f"Times of a frame are not shown for {run.folder}: they were measured by a version that did not tell "
+                "new poses from known ones."
+            )
 
 
 def _limits(rows: Sequence[Row], baseline: str) -> Iterator[str]:
@@ -157,32 +175,33 @@ def _limits(rows: Sequence[Row], baseline: str) -> Iterator[str]:
 
 
 def _row(source: _Source, kind: Kind, cells: tuple[Cell, ...]) -> Row:
-    bends = [cell["nonlinearity"] for cell in source.cells if cell["nonlinearity"] is not None]
+    bends = [cell.laws.linearity for cell in source.cells if cell.laws.linearity is not None]
     times = _times(source.cells)
-    fidelity = source.info["fidelity"]
+    fidelity = source.method.fidelity
     return Row(source.name, source.title, kind, fidelity, cells, times, nonlinearity=max(bends, default=None))
 
 
-def _times(cells: Sequence[dict[str, Any]]) -> Times:
+def _times(cells: Sequence[CellRecord]) -> Times:
     """Medians over cells, with the extremes of everything measured."""
-
-    def measured(name: str) -> list[Any]:
-        return [cell["times"][name] for cell in cells if cell["times"] and cell["times"].get(name) is not None]
-
-    def seconds(name: str) -> Span | None:
-        values = measured(name)
-        return Span(median(values), min(values), max(values)) if values else None
-
-    def milliseconds(name: str) -> dict[str, Span]:
-        found: dict[str, list[Any]] = {}
-        for by_kind in measured(name):
-            for kind, spread in by_kind.items():
-                found.setdefault(kind, []).append(spread)
-        return {
-            kind: Span(median(s["median"] for s in each), min(s["min"] for s in each), max(s["max"] for s in each))
-            for kind, each in found.items()
-        }
-
+    times = [cell.times for cell in cells]
     return Times(
-        seconds("train_s"), seconds("personalise_s"), milliseconds("new_pose_ms"), milliseconds("known_pose_ms")
+        _seconds([each.train_s for each in times]),
+        _seconds([each.personalise_s for each in times]),
+        _milliseconds([each.new_pose_ms for each in times]),
+        _milliseconds([each.known_pose_ms for each in times]),
     )
+
+
+def _seconds(told: Sequence[float | None]) -> Span | None:
+    values = [value for value in told if value is not None]
+    return Span(median(values), min(values), max(values)) if values else None
+
+
+def _milliseconds(told: Sequence[Mapping[FrameKind, Spread]]) -> dict[str, Span]:
+    spreads: dict[str, list[Spread]] = {}
+    for kind, spread in (item for by_kind in told for item in by_kind.items()):
+        spreads.setdefault(kind, []).append(spread)
+    return {
+        kind: Span(median(s.median for s in each), min(s.min for s in each), max(s.max for s in each))
+        for kind, each in spreads.items()
+    }

@@ -12,10 +12,11 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from handbench.bench.reading import Run, mismatch, read_run
-from handbench.bench.results import Results, Values
 from handbench.bench.statistics import CONFIDENCE, Difference, aggregate, corrected, differences, least_p
+from handbench.bench.values import Values, values_of
 from handbench.errors import InputError
 
+from .build import shown_metric
 from .model import Group, Metric, letter, number
 from .terminal import difference_text
 
@@ -54,27 +55,24 @@ def compare(*folders: Path) -> Comparison:
     for other in runs[1:]:
         if why := mismatch(runs[0], other):
             raise InputError(f"these runs cannot be compared: {why}")
-    names = [[info["name"] for info in run.plan["methods"]] for run in runs]
+    names = [[method.name for method in run.plan.methods] for run in runs]
     shared = [name for name in names[0] if any(name in others for others in names[1:])]
     if not shared:
         raise InputError(f"no method is in {folders[0]} and in another of these runs; 'report' shows them in one table")
     # Each run by itself: what another folder computed must not stand in for what this one lacks.
-    values = []
-    for run in runs:
-        with Results([run]) as results:
-            values.append(results.values(run))
+    values = [values_of(run) for run in runs]
     lines = tuple(_lines(runs[0], shared, values))
     everywhere = set.intersection(*map(set, names))
     alone = tuple(dict.fromkeys(name for of_run in names for name in of_run if name not in everywhere))
-    title = f"{runs[0].plan['protocol']['title']} ({runs[0].protocol})"
+    title = f"{runs[0].plan.protocol.title} ({runs[0].protocol})"
     return Comparison(title, tuple(str(run.folder) for run in runs), lines, alone)
 
 
 def _lines(first: Run, shared: Sequence[str], values: Sequence[dict[tuple[str, str], Values]]) -> Iterator[Line]:
-    protocol = first.plan["protocol"]
-    titles = {info["name"]: info["title"] for info in first.plan["methods"]}
-    for group in (Group(column["name"], column["title"]) for column in protocol["columns"]):
-        for place, metric in enumerate(Metric(**metric) for metric in protocol["metrics"]):
+    protocol = first.plan.protocol
+    titles = {method.name: method.title for method in first.plan.methods}
+    for group in (Group(column.name, column.title) for column in protocol.columns):
+        for place, metric in enumerate(map(shown_metric, protocol.metrics)):
             mine = {name: values[0][name, group.name] for name in shared}
             others = [_beside(mine, of_run, group, place) for of_run in values[1:]]
             for name, of_first in mine.items():

@@ -6,14 +6,13 @@ import io
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from handbench.bench.store import Store
+from handbench.bench.record import CurvePoint
 
 from .run import Run
 
@@ -33,24 +32,24 @@ class Curve:
 
 def curves(run: Run) -> dict[str, tuple[Curve, ...]]:
     """The trainings of each method by its name: priors and personalisations; methods without any are not there."""
-    store = Store(run.folder)
     found: dict[str, dict[str, Curve]] = defaultdict(dict)
     for cell in run.cells:
-        name, seed = cell["method"]["name"], cell["seed"]
-        prior = store.prior(cell["prior"]) if "prior" in cell else None
-        if prior is not None and (terms := _terms(prior.get("curve", []))):
-            found[name][cell["prior"]] = Curve(seed, "", terms)
-        if terms := _terms(cell.get("curve", [])):
-            found[name][cell["key"]] = Curve(seed, cell["subject"], terms)
-    return {name: tuple(trainings.values()) for name, trainings in found.items()}
+        of_method = found[cell.method.name]
+        if cell.prior is not None and cell.prior not in of_method:
+            prior = run.store.read_prior(cell.prior)
+            if prior is not None and (terms := _terms(prior.curve)):
+                of_method[cell.prior] = Curve(cell.seed, "", terms)
+        if terms := _terms(cell.curve):
+            of_method[cell.key] = Curve(cell.seed, cell.subject, terms)
+    return {name: tuple(trainings.values()) for name, trainings in found.items() if trainings}
 
 
 def loss_figures(run: Run) -> Iterator[tuple[str, str, bytes]]:
     """(method's name, its title, PNG) in the order of the run's methods."""
     trainings = curves(run)
-    for info in run.plan["methods"]:
-        if info["name"] in trainings:
-            yield info["name"], info["title"], curve_png(info["title"], trainings[info["name"]])
+    for method in run.plan.methods:
+        if method.name in trainings:
+            yield method.name, method.title, curve_png(method.title, trainings[method.name])
 
 
 def curve_png(title: str, trainings: Sequence[Curve]) -> bytes:
@@ -94,10 +93,10 @@ def _caption(title: str, trainings: Sequence[Curve]) -> str:
     return f"{title}: seed {seeds}" + (f", {subjects} subjects" if subjects else "")
 
 
-def _terms(told: Sequence[Mapping[str, Any]]) -> dict[str, list[tuple[int, float]]]:
+def _terms(told: Sequence[CurvePoint]) -> dict[str, list[tuple[int, float]]]:
     terms: dict[str, list[tuple[int, float]]] = defaultdict(list)
     for point in told:
-        for name, value in point.items():
-            if name != "step" and value is not None:
-                terms[name].append((point["step"], value))
+        for name, value in point.values.items():
+            if value is not None:
+                terms[name].append((point.step, value))
     return dict(terms)

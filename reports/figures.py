@@ -6,7 +6,6 @@ The error map is the mean over R, G, B of the absolute difference of those displ
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -61,15 +60,16 @@ def chosen(run: Run) -> list[tuple[str, str]]:
 
     The score is the protocol's first metric; so no frame is picked by hand.
     """
-    signature = run.plan["protocol"]["metrics"][0]["signature"]
-    truths = {info["name"] for info in run.plan["methods"] if info["truth"]}
+    signature = run.plan.protocol.metrics[0].signature
+    truths = {method.name for method in run.plan.methods if method.truth}
     scores: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for cell in run.cells:
-        if cell["method"]["name"] in truths:
+        if cell.method.name in truths or signature not in cell.metrics:
             continue
-        for score in cell["scores"]:
-            if score["metric"] == signature and score["value"] is not None and math.isfinite(score["value"]):
-                scores[score["kind"], cell["subject"]][score["query"]].append(score["value"])
+        place = cell.metrics.index(signature)
+        for frame in cell.scores:
+            if (value := frame.values[place]) is not None:
+                scores[frame.kind, cell.subject][frame.query].append(value)
     found = []
     for kind in KINDS:
         subjects = sorted(subject for of_kind, subject in scores if of_kind == kind)
@@ -102,9 +102,9 @@ def _panel(
     view = View.of(image, alpha)
     shown = view(image)
     tiles = [
-        _tile(info["title"], given.get(info["name"], {}).get(query), run, query, view, shown)
-        for info in run.plan["methods"]
-        if not info["truth"]
+        _tile(method.title, given.get(method.name, {}).get(query), run, query, view, shown)
+        for method in run.plan.methods
+        if not method.truth
     ]
     return Panel(query, kind, view.exposure, shown, tuple(tiles))
 
@@ -112,7 +112,7 @@ def _panel(
 def _tile(title: str, answer: Answer | None, run: Run, query: str, view: View, truth: Array) -> Tile:
     if answer is None:
         return Tile(title, None, None, None, "not computed")
-    score = answer.value(run.plan["protocol"]["metrics"][0]["signature"])
+    score = answer.value(run.plan.protocol.metrics[0].signature)
     picture, reason = answer.picture(run, query)
     if picture is None:
         return Tile(title, score, None, None, reason)

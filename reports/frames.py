@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from handbench.errors import InputError
+from handbench.bench.record import CellRecord, ScoredFrame
+from handbench.errors import Damaged, InputError
 from handbench.scene import Array
 from handbench.scene.colour import srgb
 
 from .run import Run
-from .truth import prediction
 
 EXPOSED = 0.8  # the display-linear value that the 99th percentile of the truth is brought to
 MARGIN = 0.06  # of the hand's size, around the hand
@@ -29,40 +27,41 @@ KINDS: Mapping[str, str] = {  # of every `FrameKind`, in the order of a report
 
 @dataclass(frozen=True)
 class Answer:
-    """What a method's cell says of one query: its scores by the signature of the metric."""
+    """What a method's cell says of one query."""
 
-    cell: Mapping[str, Any]
-    scores: dict[str, dict[str, Any]]
+    cell: CellRecord
+    frame: ScoredFrame
 
     @property
     def kind(self) -> str:
-        return str(next(iter(self.scores.values()))["kind"])
+        return self.frame.kind
 
     def value(self, signature: str) -> float | None:
-        """A finite score, or None."""
-        value = self.scores.get(signature, {}).get("value")
-        return value if value is not None and math.isfinite(value) else None
+        """The score of a metric, or None."""
+        return dict(zip(self.cell.metrics, self.frame.values, strict=True)).get(signature)
 
     def picture(self, run: Run, query: str) -> tuple[Array | None, str]:
-        """The linear picture (H, W, 3), or None and why there is none."""
-        reason = next((score["reason"] for score in self.scores.values() if score["reason"]), "")
-        if self.cell["predictions"] is None:
-            return None, reason or "no picture was kept"
+        """The linear picture (H, W, 3), or None and why there is none: a report is about what there is.
+
+        Raises `Damaged` for a picture that is not what was written.
+        """
+        if query not in self.cell.predictions:
+            return None, self.frame.reason or "no picture was kept"
         try:
-            return prediction(run, dict(self.cell), query)[0], ""
+            return run.store.read_prediction(self.cell, query).image, ""
+        except Damaged:
+            raise
         except InputError as error:
-            return None, reason or str(error)
+            return None, self.frame.reason or str(error)
 
 
 def answers(run: Run) -> dict[str, dict[str, Answer]]:
     """By method and query; of several seeds the first in the plan that has the query."""
     found: dict[str, dict[str, Answer]] = defaultdict(dict)
     for cell in run.cells:
-        of_method = found[cell["method"]["name"]]
-        for score in cell["scores"]:
-            answer = of_method.setdefault(score["query"], Answer(cell, {}))
-            if answer.cell is cell:
-                answer.scores[score["metric"]] = score
+        of_method = found[cell.method.name]
+        for frame in cell.scores:
+            of_method.setdefault(frame.query, Answer(cell, frame))
     return found
 
 

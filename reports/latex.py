@@ -6,36 +6,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import groupby
 
 from .model import Cell, Column, Row, Table, bounds, chance, letter, marks, number, signed
+from .safe import latex, latex_header, one_line
 
 WIDTH = 9  # value columns that fit the text width of a plain article at \footnotesize
 WIDTH_APART = 5  # columns of differences with their intervals that do
-SPECIAL = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-    "&": r"\&",
-    "#": r"\#",
-    "%": r"\%",
-    "_": r"\_",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    "[": "{[}",
-    "]": "{]}",
-    "→": r"$\rightarrow$",
-    "×": r"$\times$",
-    "≥": r"$\geq$",
-    "≤": r"$\leq$",
-    "−": r"$-$",
-    "∞": r"$\infty$",
-    "τ": r"$\tau$",
-    "†": r"\textdagger{}",
-    "–": "--",
-    "…": r"\ldots{}",
-}
 
 
 def render_latex(table: Table) -> str:
@@ -44,20 +18,20 @@ def render_latex(table: Table) -> str:
     Best values are bold, second best underlined; calibration and published rows each come after a rule. With a
     baseline a second float holds the differences to it, each over its interval and its p-value.
     """
-    notes = [f"\\textsuperscript{{{letter(i)}}}\\,{_escape(note)}." for i, note in enumerate(table.footnotes, start=1)]
-    notes += [_escape(remark) for remark in table.remarks]
+    notes = [f"\\textsuperscript{{{letter(i)}}}\\,{latex(note)}." for i, note in enumerate(table.footnotes, start=1)]
+    notes += [latex(remark) for remark in table.remarks]
     below = "calibration and published values" if table.remarks else "calibration"
-    title = _escape(table.title)
+    title = latex(table.title)
     marked = "Best in bold, second best underlined, with all that cannot be told from them"
     lines = [
         r"% needs \usepackage{booktabs}",
-        *(f"% {metric.title}: {metric.signature}" for metric in table.metrics),
+        *(f"% {one_line(metric.title)}: {metric.signature}" for metric in table.metrics),
         *_float(f"{title}. {marked}; below the rule, {below}.", _tabulars(table, table.rows, WIDTH, _cell), notes),
     ]
     if table.baseline:
-        caption = f"{title}. Paired differences to {_escape(table.baseline)}, 95\\% interval, corrected p-value."
+        caption = f"{title}. Paired differences to {latex(table.baseline)}, 95\\% interval, corrected p-value."
         blocks = _tabulars(table, table.compared, WIDTH_APART, _difference)
-        lines += ["", *_float(caption, blocks, [_escape(limit) for limit in table.limits])]
+        lines += ["", *_float(caption, blocks, [latex(limit) for limit in table.limits])]
     return "\n".join(lines) + "\n"
 
 
@@ -75,7 +49,7 @@ def _tabulars(table: Table, rows: Sequence[Row], width: int, text: Callable[[Cel
     """One tabular for each batch of columns that fit the width."""
     for indices in _folded(table, width):
         spans = [(group, len(list(members))) for group, members in groupby(table.columns[i].group for i in indices)]
-        heads = [f"\\multicolumn{{{size}}}{{c}}{{{_escape(group.title)}}}" for group, size in spans]
+        heads = [f"\\multicolumn{{{size}}}{{c}}{{{latex(group.title)}}}" for group, size in spans]
         rules, start = [], 2
         for _, size in spans:
             rules.append(f"\\cmidrule(lr){{{start}-{start + size - 1}}}")
@@ -114,18 +88,19 @@ def _folded(table: Table, width: int) -> Iterator[list[int]]:
 
 def _head(column: Column) -> str:
     """The metric's own header; what stands in brackets goes to a second line, to save width."""
-    head, bracket, rest = column.metric.latex.partition(" (")
+    metric = column.metric
+    head, bracket, rest = latex_header(metric.latex, f"{metric.title} {metric.arrow}").partition(" (")
     return f"\\shortstack[r]{{{head}\\\\({rest}}}" if bracket else head
 
 
 def _row(row: Row, table: Table, indices: list[int], text: Callable[[Cell, Column], str]) -> str:
-    title = _escape(row.title + (row.suffix if row.kind == "published" else ""))
+    title = latex(row.title + (row.suffix if row.kind == "published" else ""))
     cells = [text(row.cells[index], table.columns[index]) for index in indices]
     return f"    {title} & {' & '.join(cells)} \\\\"
 
 
 def _cell(cell: Cell, column: Column) -> str:
-    value = _escape(number(cell.value, column.metric.decimals))
+    value = latex(number(cell.value, column.metric.decimals))
     value = {0: value, 1: f"\\textbf{{{value}}}", 2: f"\\underline{{{value}}}"}[cell.rank]
     gap = "" if cell.complete else f"\\,{{\\tiny {cell.covered}/{cell.expected}}}"
     return value + gap + (f"\\textsuperscript{{{marks(cell)}}}" if cell.notes else "")
@@ -136,10 +111,6 @@ def _difference(cell: Cell, column: Column) -> str:
     apart, decimals = cell.difference, column.metric.decimals
     if apart is None:
         return "--"
-    below = [f"\\tiny {_escape(text)}" for text in (bounds(apart, decimals), chance(apart)) if text]
-    lines = r"\\".join([_escape(signed(apart.value, decimals)), *below])
+    below = [f"\\tiny {latex(text)}" for text in (bounds(apart, decimals), chance(apart)) if text]
+    lines = r"\\".join([latex(signed(apart.value, decimals)), *below])
     return f"\\shortstack[r]{{{lines}}}"
-
-
-def _escape(text: str) -> str:
-    return "".join(SPECIAL.get(character, character) for character in text)

@@ -66,7 +66,7 @@ def render_page(table: Table, run: Run, shown: Shown) -> str:
         linear_limit=LINEAR,
         light_titles=LIGHT_TITLES,
         resamples=RESAMPLES,
-        machine=machine(run.plan["provenance"]),
+        machine=machine(run.plan.provenance.device),
     )
 
 
@@ -89,19 +89,19 @@ def _contents(table: Table, shown: Shown, studies: Mapping[str, str | None]) -> 
 
 def _checks(table: Table, run: Run) -> list[tuple[bool, str]]:
     """What a reader wants to know before reading the numbers: (fine?, sentence)."""
-    planned, finished = len(run.plan["cells"]), len(run.cells)
+    planned, finished = len(run.plan.cells), len(run.cells)
     gaps = sum(not cell.complete for row in table.rows for cell in row.cells)
-    unequal = dict.fromkeys(cell["method"]["title"] for cell in run.cells if cell["same_pixels"] is False)
-    linear = {info["name"] for info in run.plan["methods"] if info.get("linear")}
+    unequal = dict.fromkeys(cell.method.title for cell in run.cells if cell.same_pixels is False)
+    linear = {method.name for method in run.plan.methods if method.linear}
     bent = [row.title for row in table.rows if row.name in linear and (row.nonlinearity or 0.0) > LINEAR]
-    git = run.plan["provenance"]["git"]
-    origin = "source code had uncommitted changes" if git and git["dirty"] else "source code as committed"
+    git = run.plan.provenance.git
+    origin = "source code had uncommitted changes" if git and git.dirty else "source code as committed"
     return [
         (finished == planned, f"{finished} of {planned} cells computed"),
         (gaps == 0, "every value covers all frames" if gaps == 0 else f"{gaps} values miss frames, see the notes"),
         *([(False, f"declared linear in light, but not: {', '.join(bent)}")] if bent else []),
         *([(False, f"timed and scored images of {', '.join(unequal)} differ")] if unequal else []),
-        (git is not None and not git["dirty"], origin if git else "installed copy, commit unknown"),
+        (git is not None and not git.dirty, origin if git else "installed copy, commit unknown"),
     ]
 
 
@@ -111,10 +111,10 @@ def _skipped(table: Table, run: Run) -> list[tuple[str, str]]:
     for row in table.computed:
         sums: dict[str, list[int]] = {}
         for cell in run.of_method(row.name):
-            for what, saved in cell.get("skipped", {}).items():
+            for what, saved in cell.skipped.items():
                 totals = sums.setdefault(what, [0, 0])
-                totals[0] += saved["total"]
-                totals[1] += saved["skipped"]
+                totals[0] += saved.total
+                totals[1] += saved.skipped
         parts = [f"{what} {_share(*totals)} of {_count(totals[0])}" for what, totals in sums.items() if totals[1]]
         if parts:
             lines.append((row.title, ", ".join(parts)))

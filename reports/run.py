@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from handbench.bench.reading import Run, read_plan, read_run
+from handbench.bench.record import Device
 
 __all__ = ["Run", "machine", "read_plan", "read_run"]
 
 
-def machine(provenance: dict[str, Any]) -> str:
+def machine(device: Device | None) -> str:
     """The device in one line: "AMD EPYC 7B13, 2 cores, 2 threads, 24 GB"."""
-    device = provenance["device"]
-    parts = [device["cpu"], f"{device['cores']} cores", f"{device['threads']} threads"]
-    memory = [f"{device['memory_gb']:.0f} GB"] if device["memory_gb"] else []
-    return ", ".join([*parts, *memory, *device["gpus"]])
+    if device is None:
+        return "an unknown machine"
+    memory = [f"{device.memory_gb:.0f} GB"] if device.memory_gb else []
+    return ", ".join([device.cpu, f"{device.cores} cores", f"{device.threads} threads", *memory, *device.gpus])

@@ -12,11 +12,14 @@ from rich.console import RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from handbench.bench.record import Device
+from handbench.bench.schema import read as read_record
 from handbench.bench.speed.record import MITSUBA, RESULT, read
+from handbench.errors import InputError
 from handbench.files import whole, writing
 
 from .run import machine
-from .template import environment
+from .template import UNREADABLE, environment
 
 POSES = {"new": "new pose", "known": "known pose"}
 FOLDER = "report"
@@ -45,12 +48,16 @@ def write_speed_report(folder: Path) -> Path:
 
 def speed_section(run_folder: Path) -> str | None:
     """The body of the page as an HTML fragment for another one, or None if the folder has no `speed.json`."""
-    if not (run_folder / RESULT).is_file():
+    if not (run_folder / RESULT).exists():
         return None
     from .speed_figures import figures
 
     found = read(run_folder)
-    return _template("speed_section.html", found, list(figures(found)))
+    try:
+        return _template("speed_section.html", found, list(figures(found)))
+    except UNREADABLE as error:
+        path = run_folder / RESULT
+        raise InputError(f"{path} lacks what a speed study writes ({error}); run 'handbench speed' again") from error
 
 
 def _template(name: str, found: dict[str, Any], drawn: list[tuple[str, str, dict[str, bytes]]]) -> str:
@@ -59,7 +66,7 @@ def _template(name: str, found: dict[str, Any], drawn: list[tuple[str, str, dict
     return page.get_template(name).render(
         found=found,
         figures=shown,
-        machine=machine(found["provenance"]),
+        machine=_machine(found),
         goals=goals(found),
         median=median,
         learning=learning,
@@ -67,9 +74,13 @@ def _template(name: str, found: dict[str, Any], drawn: list[tuple[str, str, dict
     )
 
 
+def _machine(found: dict[str, Any]) -> str:
+    return machine(read_record(Device, found["provenance"]["device"]))
+
+
 def render_speed(found: dict[str, Any]) -> RenderableType:
     """A rich renderable of the tables."""
-    parts: list[RenderableType] = [Text(f"Times on {machine(found['provenance'])}", style="dim")]
+    parts: list[RenderableType] = [Text(f"Times on {_machine(found)}", style="dim")]
     for scene in found["scenes"]:
         parts.append(_equal_error(scene))
         parts.append(Text(_about(scene), style="dim"))

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from handbench.bench.stress.case import Result
 from handbench.bench.stress.record import FILE, SCHEMA, summaries
 from handbench.errors import InputError
+from handbench.files import read_json
 
-from .template import environment
+from .template import UNREADABLE, environment
 
 
 def stress_section(run_folder: Path) -> str | None:
@@ -19,7 +19,7 @@ def stress_section(run_folder: Path) -> str | None:
     Raises `InputError` for a file that cannot be read or is of another schema.
     """
     path = run_folder / FILE
-    if not path.is_file():
+    if not path.exists():
         return None
     record = _read(path)
     try:
@@ -33,15 +33,12 @@ def stress_section(run_folder: Path) -> str | None:
             device=record["provenance"]["device"],
             scientific=_scientific,
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except UNREADABLE as error:
         raise InputError(f"{path} lacks what a stress run writes ({error}); run 'handbench stress' again") from error
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path} cannot be read ({error}); run 'handbench stress' again") from error
+    record = read_json(path)
     schema = record.get("schema") if isinstance(record, dict) else None
     if schema != SCHEMA:
         raise InputError(f"{path} is of schema {schema}, expected {SCHEMA}; run 'handbench stress' again")

@@ -24,6 +24,7 @@ from .model import (
     number,
     signed,
 )
+from .safe import csv_cell, markdown
 
 CSV_METHOD = ("method", "title", "kind", "fidelity")
 CSV_METRIC = ("column", "metric", "signature", "unit", "higher_is_better")
@@ -41,22 +42,26 @@ def render_csv(table: Table) -> str:
     out = io.StringIO()
     columns = (*CSV_METHOD, *CSV_METRIC, *CSV_VALUE, *(CSV_DIFFERENCE if table.baseline else ()))
     writer = csv.DictWriter(out, columns, lineterminator="\n")
+
+    def write(line: dict[str, object]) -> None:
+        writer.writerow({name: csv_cell(value) for name, value in line.items()})
+
     writer.writeheader()
     for row in table.rows:
         head = dict(zip(CSV_METHOD, (row.name, row.title, row.kind, row.fidelity), strict=True))
         for column, cell in zip(table.columns, row.cells, strict=True):
-            writer.writerow({**head, **_csv_column(column), **_csv_cell(row, cell, table)})
+            write({**head, **_csv_column(column), **_csv_cell(row, cell, table)})
         for name, unit, span in _measured(row.times):
             values = {"value": span.median, "low": span.low, "high": span.high}
-            writer.writerow({**head, "metric": name, "unit": unit, "higher_is_better": False, **values})
+            write({**head, "metric": name, "unit": unit, "higher_is_better": False, **values})
         if row.nonlinearity is not None:
             bend = {"metric": "nonlinearity", "higher_is_better": False, "value": row.nonlinearity}
-            writer.writerow({**head, **bend})
+            write({**head, **bend})
     for agreement in table.agreements:
         column = agreement.column
         inverted = "; ".join(sentence(pair, column) for pair in agreement.inversions)
         place = {**_csv_column(column), "unit": "", "higher_is_better": True}
-        writer.writerow({"kind": "agreement", **place, "value": agreement.tau, "reasons": inverted})
+        write({"kind": "agreement", **place, "value": agreement.tau, "reasons": inverted})
     return out.getvalue()
 
 
@@ -93,16 +98,16 @@ def render_markdown(table: Table) -> str:
 
 
 def _markdown(table: Table) -> Iterator[str]:
-    yield f"# {table.title}"
+    yield f"# {markdown(table.title)}"
     for group in table.groups:
         indices = table.of_group(group)
         titles = [f"{table.columns[i].metric.title} {table.columns[i].metric.arrow}" for i in indices]
-        yield f"\n## {group.title}\n"
+        yield f"\n## {markdown(group.title)}\n"
         yield from _pipes(["Method", *titles])
         for row in table.rows:
             yield _line([_title(row), *(_markdown_cell(row.cells[i], table.columns[i]) for i in indices)])
         if table.baseline:
-            yield f"\nDifference to {_safe(table.baseline)}:\n"
+            yield f"\nDifference to {markdown(table.baseline)}:\n"
             yield from _pipes(["Method", *titles])
             for row in table.compared:
                 yield _line([_title(row), *(_markdown_difference(row.cells[i], table.columns[i]) for i in indices)])
@@ -113,22 +118,22 @@ def _markdown(table: Table) -> Iterator[str]:
     if table.agreements:
         yield "\n## Order of methods beside the published one\n"
     for agreement in table.agreements:
-        yield f"- {_safe(headline(agreement))}"
-        yield from (f"  - {_safe(sentence(pair, agreement.column))}" for pair in agreement.inversions)
+        yield f"- {markdown(headline(agreement))}"
+        yield from (f"  - {markdown(sentence(pair, agreement.column))}" for pair in agreement.inversions)
     yield "\nBest in **bold**, second in *italics*, shared by what cannot be told apart; rows with \\* are calibration."
     yield "Brackets hold the 95 % interval; after ± stands the standard deviation over seeds."
-    yield from (f"\n{_safe(remark)}" for remark in (*table.remarks, *table.limits))
+    yield from (f"\n{markdown(remark)}" for remark in (*table.remarks, *table.limits))
     if table.footnotes:
         yield ""
     for index, note in enumerate(table.footnotes, start=1):
-        yield f"- <sup>{letter(index)}</sup> {_safe(note)}"
+        yield f"- <sup>{letter(index)}</sup> {markdown(note)}"
     yield "\nSignatures:\n"
     for metric in table.metrics:
-        yield f"- {metric.title}: `{metric.signature}`"
+        yield f"- {markdown(metric.title)}: `{metric.signature.replace('`', ' ')}`"
 
 
 def _pipes(titles: list[str]) -> Iterator[str]:
-    yield _line([_safe(title) for title in titles])
+    yield _line([markdown(title) for title in titles])
     yield "|" + " :-- |" + " --: |" * (len(titles) - 1)
 
 
@@ -137,7 +142,7 @@ def _line(cells: list[str]) -> str:
 
 
 def _title(row: Row) -> str:
-    return _safe(row.title + row.suffix)
+    return markdown(row.title + row.suffix)
 
 
 def _markdown_cell(cell: Cell, column: Column) -> str:
@@ -157,8 +162,4 @@ def _markdown_difference(cell: Cell, column: Column) -> str:
     apart, decimals = cell.difference, column.metric.decimals
     if apart is None:
         return "–"
-    return " ".join(filter(None, (signed(apart.value, decimals), bounds(apart, decimals), _safe(chance(apart)))))
-
-
-def _safe(text: str) -> str:
-    return text.replace("\\", "\\\\").replace("|", "\\|").replace("*", "\\*").replace("<", "&lt;")
+    return " ".join(filter(None, (signed(apart.value, decimals), bounds(apart, decimals), markdown(chance(apart)))))

@@ -47,8 +47,8 @@ def viewer(run: Run, table: Table) -> Viewer | None:
     None for a run whose truth is not known: there is nothing to hold a method against.
     """
     given, truth = answers(run), truth_of(run)
-    methods = [info for info in run.plan["methods"] if not info["truth"] and info["name"] in given]
-    columns = {column["name"]: dict.fromkeys(column["queries"]) for column in run.plan["protocol"]["columns"]}
+    methods = [method for method in run.plan.methods if not method.truth and method.name in given]
+    columns = {column.name: dict.fromkeys(column.queries) for column in run.plan.protocol.columns}
     scored = list(dict.fromkeys(query for queries in columns.values() for query in queries))
     first = next((pair for query in scored if (pair := truth(query)) is not None), None)
     if first is None or not methods:
@@ -59,7 +59,7 @@ def viewer(run: Run, table: Table) -> Viewer | None:
         pair = truth(query)
         if pair is None:
             return None
-        of_query = [given[info["name"]].get(query) for info in methods]
+        of_query = [given[method.name].get(query) for method in methods]
         return _frame(run, query, *pair, of_query, [name for name, queries in columns.items() if query in queries])
 
     with ThreadPoolExecutor() as pool:  # pictures are decoded and coded outside of Python
@@ -67,20 +67,19 @@ def viewer(run: Run, table: Table) -> Viewer | None:
         frames = [found for found in drawn if found is not None]
     better = 1.0 if table.columns[0].metric.higher_is_better else -1.0
     leading = {row.name: better * (row.cells[0].value or 0.0) for row in table.rows if row.cells[0].rank == 1}
-    best = max(leading, key=lambda name: leading[name], default=methods[-1]["name"])
+    best = max(leading, key=lambda name: leading[name], default=methods[-1].name)
     data = {
-        "best": 1 + [info["name"] for info in methods].index(best),
-        "titles": ["Truth", *(info["title"] for info in methods)],
-        "metrics": [{key: metric[key] for key in ("title", "unit")} for metric in run.plan["protocol"]["metrics"]],
-        "columns": {column["name"]: column["title"] for column in run.plan["protocol"]["columns"]},
+        "best": 1 + [method.name for method in methods].index(best),
+        "titles": ["Truth", *(method.title for method in methods)],
+        "metrics": [{"title": metric.title, "unit": metric.unit} for metric in run.plan.protocol.metrics],
+        "columns": {column.name: column.title for column in run.plan.protocol.columns},
         "kinds": KINDS,
         "scale": ERROR_SCALE,
         "colours": palette().tobytes().hex(),
         "frames": frames,
     }
-    return Viewer(
-        data, len(frames), len(chosen), len(scored), run.plan["seeds"][0] if len(run.plan["seeds"]) > 1 else None
-    )
+    seeds = run.plan.seeds
+    return Viewer(data, len(frames), len(chosen), len(scored), seeds[0] if len(seeds) > 1 else None)
 
 
 def per_column(size: tuple[int, int], pictures: int, columns: int) -> int:
@@ -126,5 +125,5 @@ def _pictures(view: View, drawn: Sequence[tuple[Array | None, str]]) -> Iterator
 
 def _scores(run: Run, answer: Answer | None) -> list[str]:
     """As text, in the order of the protocol's metrics."""
-    metrics = run.plan["protocol"]["metrics"]
-    return [number(answer.value(m["signature"]) if answer else None, m["decimals"]) for m in metrics]
+    metrics = run.plan.protocol.metrics
+    return [number(answer.value(m.signature) if answer else None, m.decimals) for m in metrics]

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
+from contextlib import suppress
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import handbench
-from handbench.files import whole, writing
+from handbench.bench.schema import plain
+from handbench.errors import Absent
+from handbench.files import JSON_LIMIT, read_bytes, read_text, whole, writing
 
 from .agreement import as_json
 from .build import build
 from .latex import render_latex
-from .run import read_plan, read_run
+from .run import Run, read_run
 from .text import render_csv, render_markdown
 
 if TYPE_CHECKING:
@@ -23,6 +28,8 @@ if TYPE_CHECKING:
 
 STAMP = ".inputs"  # digest of what the reports were made from; written last
 FIGURES = "figures"
+_STAMP_LIMIT = 1 << 20  # bytes
+_FILE = re.compile(rf"({FIGURES}/)?[^/\\]+")
 _REMEDY = "make it writable, or copy the run to a folder of yours and report that"
 
 
@@ -37,26 +44,28 @@ def write_reports(run_folder: Path, figures: bool = False, table: Table | None =
     nothing is computed. A file is replaced whole or not at all. Raises `InputError` for a folder without
     a readable run and `StorageError` if a file cannot be written.
     """
+    run = read_run(run_folder)
     folder = run_folder / "report"
-    digest = _digest(run_folder)
+    for place in (folder, folder / FIGURES):
+        run.store.own(place)
+    digest = _digest(run)
     asked = figures or (folder / FIGURES).is_dir()
     written = _written(folder, digest, asked)
     if written is None:
-        contents = _contents(run_folder, asked, table)
+        contents = _contents(run, asked, table)
         written = sorted(contents)
         with writing(folder, _REMEDY):
             _write(folder, contents, digest)
     return {name: folder / name for name in written}
 
 
-def _contents(run_folder: Path, figures: bool, table: Table | None) -> dict[str, bytes]:
+def _contents(run: Run, figures: bool, table: Table | None) -> dict[str, bytes]:
     from .curves import loss_figures  # imports matplotlib, which a cached report does without
     from .figures import panels
     from .page import Shown, render_page
     from .pareto import plots
     from .viewer import viewer
 
-    run = read_run(run_folder)
     table = table or build(run)
     shown = Shown(tuple(panels(run)), tuple(loss_figures(run)), plots(table), viewer(run, table))
     texts = {
@@ -82,29 +91,32 @@ def _figures(shown: Shown, table: Table) -> dict[str, bytes]:
     return found
 
 
-def _digest(run_folder: Path) -> str:
+def _digest(run: Run) -> str:
     """Of all a report is made from: plan, cells, trainings, studies, and the code and templates that show them."""
-    plan = read_plan(run_folder)
-    plan["provenance"].pop("started", None)  # not shown: the same results give the same page
+    origin = replace(run.plan.provenance, started="")  # not shown: the same results give the same page
+    plan = plain(replace(run.plan, provenance=origin))
     digest = hashlib.sha256(json.dumps([handbench.__version__, plan], sort_keys=True).encode())
-    here = Path(__file__).parent
-    cells = (run_folder / "cells" / f"{key}.json" for key in plan["cells"])
-    trainings = sorted((run_folder / "priors").glob("*/train.json"))
-    studies = [path for path in sorted(run_folder.glob("*.json")) if path.name != "run.json"]  # of speed and stress
-    for path in (*sorted(here.glob("*.py")), *sorted((here / "templates").iterdir()), *cells, *trainings, *studies):
-        digest.update(f"\0{path.name}\0".encode() + (path.read_bytes() if path.is_file() else b""))
+    here, folder = Path(__file__).parent, run.folder
+    cells = (folder / "cells" / f"{key}.json" for key in run.plan.cells)
+    trainings = sorted((folder / "priors").glob("*/train.json"))
+    studies = [path for path in sorted(folder.glob("*.json")) if path.name != "run.json"]  # of speed and stress
+    for path in (*sorted(here.glob("*.py")), *sorted((here / "templates").iterdir())):
+        digest.update(f"\0{path.name}\0".encode() + path.read_bytes())
+    for path in (*cells, *trainings, *studies):
+        with suppress(Absent):
+            digest.update(f"\0{path.name}\0".encode() + read_bytes(run.store.own(path), JSON_LIMIT))
     return digest.hexdigest()
 
 
 def _written(folder: Path, digest: str, figures: bool) -> list[str] | None:
     """The files of an earlier report of the same digest, with figures if they are wanted, or None."""
-    stamp = folder / STAMP
-    if not stamp.is_file():
+    try:
+        found, *names = read_text(folder / STAMP, _STAMP_LIMIT).splitlines()
+    except ValueError:  # absent, damaged or empty: written again
         return None
-    found, *names = stamp.read_text().splitlines()
     if found != digest or (figures and not any(name.startswith(f"{FIGURES}/") for name in names)):
         return None
-    return names if all((folder / name).is_file() for name in names) else None
+    return names if all(_FILE.fullmatch(name) and (folder / name).is_file() for name in names) else None
 
 
 def _write(folder: Path, contents: dict[str, bytes], digest: str) -> None:

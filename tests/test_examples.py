@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import subprocess
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from flat import flat_cells
 
 from handbench.bench.check import check_method
 from handbench.bench.run import find_protocol
@@ -73,7 +73,7 @@ def test_its_protocol_runs_with_its_capture_method_and_metric(handbench: Handben
     done = handbench("run", "example", "--out", str(tmp_path / "run"))
     assert done.returncode == 0, done.stderr
     assert "Lambert" in done.stdout and "MAE" in done.stdout and "Unseen ball" in done.stdout
-    cells = [json.loads(path.read_text()) for path in (tmp_path / "run" / "cells").glob("*.json")]
+    cells = flat_cells(tmp_path / "run")
     values = {
         name: [
             score["value"]

@@ -234,7 +234,7 @@ def _relight(
         warming.anew(frame)
     repeated = _repeated(drawable)
     same: bool | None = None
-    kept: str | None = None
+    kept: dict[str, str] = {}
     scores: dict[str, list[dict[str, Any]]] = {}
     trace: str | None = None
     for begin in range(0, len(frames), _CHUNK):
@@ -256,7 +256,7 @@ def _relight(
         found, bad = _score(bench, drawn)
         scores, trace = scores | found, trace or bad
         times["score_s"] += time.perf_counter() - start
-        kept = _keep(bench.store, cell.key, drawn) or kept
+        kept |= _keep(bench.store, cell.key, drawn)
     times |= {
         "new_pose_ms": {kind: _spread(values) for kind, values in drawing.new_pose_ms.items()},
         "known_pose_ms": {kind: _spread(values) for kind, values in drawing.known_pose_ms.items()},
@@ -281,16 +281,15 @@ def _repeated(frames: Sequence[Frame]) -> set[str]:
     }
 
 
-def _keep(store: Store, key: str, drawn: Iterable[tuple[Frame, Prediction]]) -> str | None:
-    """Keep the finite predictions; their folder, or None if there are none. Files are packed outside of Python."""
+def _keep(store: Store, key: str, drawn: Iterable[tuple[Frame, Prediction]]) -> dict[str, str]:
+    """Keep the finite predictions; the digests of their files by query. Files are packed outside of Python."""
 
-    def write(frame: Frame, prediction: Prediction) -> str | None:
-        finite = np.isfinite(prediction.image).all() and np.isfinite(prediction.alpha).all()
-        return store.write_prediction(key, frame.key, prediction) if finite else None
+    def write(pair: tuple[Frame, Prediction]) -> tuple[str, str]:
+        return pair[0].key, store.write_prediction(key, pair[0].key, pair[1])
 
+    finite = [(f, p) for f, p in drawn if np.isfinite(p.image).all() and np.isfinite(p.alpha).all()]
     with ThreadPoolExecutor() as pool:
-        folders = list(pool.map(write, *zip(*drawn, strict=True)))
-    return next(filter(None, folders), None)
+        return dict(pool.map(write, finite))
 
 
 def blame(error: BaseException, reader: CaptureReader) -> Failure:
@@ -336,7 +335,7 @@ def _score(
 def _failed(bench: Bench, scored: list[tuple[str, Frame]], failed: Failure) -> dict[str, Any]:
     """What a cell without any score tells."""
     scores = [score for column, frame in scored for score in _missing(bench, column, frame, failed)]
-    return {"scores": scores, "same_pixels": None, "predictions": None, "error": failed.trace, "laws": {}}
+    return {"scores": scores, "same_pixels": None, "predictions": {}, "error": failed.trace, "laws": {}}
 
 
 def _missing(bench: Bench, column: str, frame: Frame, failed: Failure) -> list[dict[str, Any]]:

@@ -1,112 +1,114 @@
-"""What is told on disk of a plan, a protocol, a method and a cell: the JSON values of run.json and of cell files."""
+"""What is told on disk of a plan, a protocol, a method and a cell: their records."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
 from ..method import Method
+from .oldrecord import table
 from .plan import Cell, Plan
 from .protocol import Protocol, Published, Selected
 from .provenance import device
-from .store import SCHEMA
+from .record import (
+    CaptureRecord,
+    CellRecord,
+    ColumnRecord,
+    MethodRecord,
+    MetricRecord,
+    ProtocolRecord,
+    ProtocolVersion,
+    Provenance,
+    PublishedRecord,
+    RunRecord,
+)
+from .schema import plain, read
 
 
-def about_run(
-    plan: Plan,
-    methods: Mapping[str, Method],
-    metrics: Mapping[str, Any],
-    selected: Selected,
-    origin: dict[str, Any],
-) -> dict[str, Any]:
-    """The content of run.json; `metrics` are by signature, `origin` is the provenance of the run."""
-    names = ("name", "title", "signature", "higher_is_better", "unit", "latex", "decimals")
-    protocol = about_protocol(plan.protocol)
-    protocol["metrics"] = [{name: getattr(metric, name) for name in names} for metric in metrics.values()]
-    for column in protocol["columns"]:
-        column["queries"] = [frame.key for frame in selected.scored[column["name"]]]
+def run_record(
+    plan: Plan, methods: Mapping[str, Method], metrics: Mapping[str, Any], selected: Selected, origin: Provenance
+) -> RunRecord:
+    """run.json of a plan; `metrics` are by signature."""
+    queries = {name: tuple(frame.key for frame in frames) for name, frames in selected.scored.items()}
     firsts = {cell.method: cell for cell in reversed(plan.cells)}
-    return {
-        "schema": SCHEMA,
-        "protocol": protocol,
-        "methods": [_about_method(firsts[name], methods[name]) for name in plan.methods],
-        "seeds": list(plan.seeds),
-        "subjects": list(plan.protocol.subjects),
-        "capture": _about_capture(plan),
-        "cells": [cell.key for cell in plan.cells],
-        "provenance": origin,
-        "command": origin["command"],
-    }
+    return RunRecord(
+        protocol_record(plan.protocol, tuple(map(_metric, metrics.values())), queries),
+        tuple(method_record(firsts[name], methods[name]) for name in plan.methods),
+        plan.seeds,
+        _capture(plan),
+        tuple(cell.key for cell in plan.cells),
+        origin,
+        plan.protocol.subjects,
+    )
 
 
-def about_cell(plan: Plan, cell: Cell, method: Method, origin: dict[str, Any]) -> dict[str, Any]:
-    """What a cell's file says beside its results."""
+def cell_record(plan: Plan, cell: Cell, method: Method, origin: Provenance, measured: dict[str, Any]) -> CellRecord:
+    """The file of a cell; `measured` is what `cell.compute` found."""
     protocol = plan.protocol
-    return {
-        "schema": SCHEMA,
+    about = {
         "key": cell.key,
-        "protocol": {
-            "name": protocol.name,
-            "version": protocol.version,
-            "digest": protocol.digest,
-            "title": protocol.title,
-        },
-        "method": _about_method(cell, method),
+        "method": plain(method_record(cell, method)),
         "subject": cell.subject,
         "seed": cell.seed,
-        "capture": _about_capture(plan),
         "prior": cell.prior,
-        "device": device(),
-        "provenance": origin,
+        "protocol": plain(ProtocolVersion(protocol.name, protocol.version, protocol.digest, protocol.title)),
+        "capture": plain(_capture(plan)),
+        "device": plain(device()),
+        "provenance": plain(origin),
     }
+    return with_measured(about, measured)
 
 
-def about_protocol(protocol: Protocol) -> dict[str, Any]:
-    columns = [
-        {
-            "name": c.name,
-            "title": c.title,
-            "subjects": c.subjects if isinstance(c.subjects, str) else list(c.subjects),
-            "shares": list(c.shares),
-        }
-        for c in protocol.columns
-    ]
-    return {
-        "name": protocol.name,
-        "version": protocol.version,
-        "title": protocol.title,
-        "summary": protocol.summary,
-        "digest": protocol.digest,
-        "trained": list(protocol.trained),
-        "unseen": list(protocol.unseen),
-        "aggregation": list(protocol.aggregation),
-        "columns": columns,
-        "published": [_about_published(protocol, row) for row in protocol.published],
-        "published_note": protocol.published_note,
-    }
+def with_measured(about: dict[str, Any], measured: dict[str, Any]) -> CellRecord:
+    """The record of a cell as it will be read again, whatever kinds of numbers were measured."""
+    metrics, scores = table(measured["scores"])
+    told = {**about, **plain(measured), "metrics": metrics, "scores": scores}
+    return read(CellRecord, json.loads(json.dumps(told, allow_nan=False)))
 
 
-def _about_published(protocol: Protocol, row: Published) -> dict[str, Any]:
+def protocol_record(
+    protocol: Protocol, metrics: tuple[MetricRecord, ...], queries: Mapping[str, tuple[str, ...]]
+) -> ProtocolRecord:
+    """A protocol with its metrics and the queries of its columns."""
+    return ProtocolRecord(
+        protocol.name,
+        protocol.version,
+        protocol.title,
+        protocol.digest,
+        tuple(ColumnRecord(c.name, c.title, queries[c.name], c.subjects, tuple(c.shares)) for c in protocol.columns),
+        metrics,
+        protocol.summary,
+        protocol.trained,
+        protocol.unseen,
+        protocol.aggregation,
+        tuple(_published(protocol, row) for row in protocol.published),
+        protocol.published_note,
+    )
+
+
+def method_record(cell: Cell, method: Method) -> MethodRecord:
+    """A method as a cell has it."""
+    info = {**asdict(method.info), "name": cell.method, "lights": sorted(method.info.lights)}
+    return read(MethodRecord, plain({**info, "preset": cell.preset, "config": method.config}))
+
+
+def _metric(metric: Any) -> MetricRecord:
+    about = (metric.name, metric.title, metric.signature, metric.higher_is_better)
+    return MetricRecord(*about, metric.unit, metric.latex, metric.decimals)
+
+
+def _published(protocol: Protocol, row: Published) -> PublishedRecord:
     """A published row; a column's values stand in the order of the protocol's metrics, None where there is none."""
     values: dict[str, list[float | None]] = {}
     for column, metric, value in row.values:
         of_column = values.setdefault(column, [None] * len(protocol.metrics))
         of_column[protocol.metrics.index(metric)] = value
-    return {
-        "method": row.method,
-        "title": row.title,
-        "marker": row.marker,
-        "source": row.source,
-        "values": values,
-    }
+    told = {column: tuple(of_column) for column, of_column in values.items()}
+    return PublishedRecord(row.method, row.title, row.source, told, row.marker)
 
 
-def _about_capture(plan: Plan) -> dict[str, Any]:
+def _capture(plan: Plan) -> CaptureRecord:
     """The registered name and size, with which a report can open the capture again, and what it then must be."""
-    return {"name": plan.protocol.capture, "size": plan.protocol.size, "digest": plan.capture_digest}
-
-
-def _about_method(cell: Cell, method: Method) -> dict[str, Any]:
-    info = {**asdict(method.info), "name": cell.method, "lights": sorted(method.info.lights)}
-    return {**info, "preset": cell.preset, "config": method.config}
+    return CaptureRecord(plan.protocol.capture, plan.capture_digest, plan.protocol.size)

@@ -26,6 +26,7 @@ from ..registry import CAPTURES, METRICS, Entry
 from .plan import Cell, Plan, make_method, make_plan, method_entries
 from .progress import Steps
 from .protocol import Protocol, resolve
+from .record import CellRecord, Provenance
 from .store import Store
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ class Site:
         return Bench(self.plan.protocol, selected, reader, store, priors, tools.metrics, tools.metrics_module)
 
     @cached_property
-    def origin(self) -> dict[str, Any]:
+    def origin(self) -> Provenance:
         """The provenance of what is computed here."""
         from .provenance import provenance
 
@@ -122,9 +123,9 @@ class Done:
     lost: Mapping[str, str] = field(default_factory=dict)
 
 
-def finished(cell: dict[str, Any] | None) -> bool:
+def finished(cell: CellRecord | None) -> bool:
     """Whether a cell's file is there and needs no other try: its method did not crash."""
-    return cell is not None and cell["error"] is None
+    return cell is not None and cell.error is None
 
 
 def work(site: Site, cells: Sequence[Cell], told: Steps, overall: Progress) -> Done:
@@ -168,9 +169,9 @@ def _claim(store: Store, cell: Cell, claims: ExitStack) -> bool:
 
 def _compute(site: Site, cell: Cell, told: Steps) -> None:
     from .cell import compute
-    from .describe import about_cell
+    from .describe import cell_record
 
     store, method = site.bench.store, site.tools.methods[cell.method]
     result = compute(site.bench, cell, method, told)
-    store.write_cell({**about_cell(site.plan, cell, method, site.origin), **result})
+    store.write_cell(cell_record(site.plan, cell, method, site.origin, result))
     store.remove_checkpoints(cell.key)

@@ -11,15 +11,15 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import product
 from statistics import median
-from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, unknown_name
 from ..scene import FRAME_KINDS
-from .reading import Run, mismatch, role_of
-from .results import Results, Values
+from .reading import Run, mismatch
+from .record import CellRecord, Device, MetricRecord, Spread
 from .statistics import aggregate, differences, time_ratio
+from .values import Values, values_of
 
 TIMES = {"new_pose_ms": "new pose", "known_pose_ms": "known pose, new light"}  # of a frame; compared with their spread
 _SEED = 0  # of the bootstrap
@@ -44,9 +44,9 @@ class Quality:
     share: float = 0.01
     amounts: dict[str, float] = field(default_factory=dict)
 
-    def allowed(self, metric: dict[str, Any], value: float) -> float:
-        shown = 0.5 * 10.0 ** -metric["decimals"]
-        return max(self.amounts.get(metric["name"], self.share * abs(value)), shown)
+    def allowed(self, metric: MetricRecord, value: float) -> float:
+        shown = 0.5 * 10.0**-metric.decimals
+        return max(self.amounts.get(metric.name, self.share * abs(value)), shown)
 
 
 @dataclass(frozen=True)
@@ -115,14 +115,11 @@ def gate(
     if why := mismatch(baseline, candidate):
         return Outcome(Verdict.NOT_COMPARABLE, reasons=(why,))
     chosen = _methods(baseline, methods)
-    known = [metric["name"] for metric in baseline.plan["protocol"]["metrics"]]
+    known = [metric.name for metric in baseline.plan.protocol.metrics]
     for name in quality.amounts:
         if name not in known:
             raise unknown_name(f"metric of {baseline.protocol}", name, known)
-    with Results([candidate]) as results:
-        new = _Side(candidate, results.values(candidate), results.cells(candidate))
-    with Results([baseline]) as results:
-        old = _Side(baseline, results.values(baseline), results.cells(baseline))
+    new, old = (_Side(run, values_of(run)) for run in (candidate, baseline))
     if failed := tuple(new.failures()):
         return Outcome(Verdict.FAILED, reasons=failed)
     if reasons := tuple(_incomparable(new, old, chosen)):
@@ -146,34 +143,31 @@ class _Side:
 
     run: Run
     values: dict[tuple[str, str], Values]
-    cells: list[dict[str, Any]]
 
-    def info(self, method: str) -> dict[str, Any]:
-        return next(info for info in self.run.plan["methods"] if info["name"] == method)
-
-    def of(self, method: str) -> dict[tuple[int, str], dict[str, Any]]:
+    def of(self, method: str) -> dict[tuple[int, str], CellRecord]:
         """The cells of a method by seed and subject."""
-        return {(cell["seed"], cell["subject"]): cell for cell in self.cells if cell["method"] == method}
+        return {(cell.seed, cell.subject): cell for cell in self.run.in_order if cell.method.name == method}
 
     def failures(self) -> Iterator[str]:
-        if missing := len(self.run.plan["cells"]) - len(self.cells):
-            yield f"{missing} of {len(self.run.plan['cells'])} cells of {self.run.folder} are not computed"
-        for cell in self.cells:
-            if cell["error"]:
-                last = cell["error"].strip().splitlines()[-1]
-                yield f"{cell['method']} {cell['subject']} seed {cell['seed']} crashed ({last})"
+        planned, cells = len(self.run.plan.cells), self.run.in_order
+        if missing := planned - len(cells):
+            yield f"{missing} of {planned} cells of {self.run.folder} are not computed"
+        for cell in cells:
+            if cell.error is not None:
+                last = (cell.error.strip().splitlines() or ["without a word"])[-1]
+                yield f"{cell.label} crashed ({last})"
 
     @property
     def names(self) -> list[str]:
-        return [info["name"] for info in self.run.plan["methods"]]
+        return [method.name for method in self.run.plan.methods]
 
 
 def _methods(baseline: Run, methods: Sequence[str] | None) -> list[str]:
-    infos = {info["name"]: info for info in baseline.plan["methods"]}
+    known = [method.name for method in baseline.plan.methods]
     for name in methods or ():
-        if name not in infos:
-            raise unknown_name(f"method of {baseline.folder}", name, infos)
-    measured = [name for name, info in infos.items() if role_of(info) == "method"]
+        if name not in known:
+            raise unknown_name(f"method of {baseline.folder}", name, known)
+    measured = [method.name for method in baseline.plan.methods if not method.calibration]
     if not methods and not measured:
         raise InputError(f"{baseline.folder} holds calibration rows only; name methods to compare with --methods")
     return list(methods or measured)
@@ -181,7 +175,7 @@ def _methods(baseline: Run, methods: Sequence[str] | None) -> list[str]:
 
 def _incomparable(new: _Side, old: _Side, methods: Sequence[str]) -> Iterator[str]:
     """Other seeds, a method that is gone, other coverage."""
-    seeds = sorted(new.run.plan["seeds"]), sorted(old.run.plan["seeds"])
+    seeds = sorted(new.run.plan.seeds), sorted(old.run.plan.seeds)
     if seeds[0] != seeds[1]:
         yield f"the seeds differ: {new.run.folder} has {seeds[0]}, {old.run.folder} has {seeds[1]}"
         return
@@ -189,23 +183,23 @@ def _incomparable(new: _Side, old: _Side, methods: Sequence[str]) -> Iterator[st
         if method not in new.names:
             yield f"{new.run.folder} has no method {method!r}, which {old.run.folder} has"
             continue
-        for column in new.run.plan["protocol"]["columns"]:
-            ours, theirs = (side.values[method, column["name"]] for side in (new, old))
+        for column in new.run.plan.protocol.columns:
+            ours, theirs = (side.values[method, column.name] for side in (new, old))
             counts = [int(np.isfinite(side.values).sum()) for side in (ours, theirs)]
             if not np.array_equal(np.isfinite(ours.values), np.isfinite(theirs.values)):
                 why = next((reason for reasons in (*ours.reasons, *theirs.reasons) for reason in reasons), "")
                 yield (
-                    f"the coverage of {method} in column {column['name']!r} differs: {counts[0]} of "
+                    f"the coverage of {method} in column {column.name!r} differs: {counts[0]} of "
                     f"{ours.values.size} values in {new.run.folder}, {counts[1]} in {old.run.folder} ({why})"
                 )
 
 
 def _qualities(new: _Side, old: _Side, methods: Sequence[str], quality: Quality) -> Iterator[Check]:
-    protocol = old.run.plan["protocol"]
-    for column in protocol["columns"]:
-        sides = [(new.values[method, column["name"]], old.values[method, column["name"]]) for method in methods]
-        for place, metric in enumerate(protocol["metrics"]):
-            wrong = -1.0 if metric["higher_is_better"] else 1.0
+    protocol = old.run.plan.protocol
+    for column in protocol.columns:
+        sides = [(new.values[method, column.name], old.values[method, column.name]) for method in methods]
+        for place, metric in enumerate(protocol.metrics):
+            wrong = -1.0 if metric.higher_is_better else 1.0
             pairs = [(wrong * ours.values[place], wrong * theirs.values[place]) for ours, theirs in sides]
             apart = differences(pairs, sides[0][0].subjects, _SEED, tested=False)
             for method, both, each in zip(methods, sides, apart, strict=True):
@@ -213,7 +207,7 @@ def _qualities(new: _Side, old: _Side, methods: Sequence[str], quality: Quality)
                 if each is not None and after is not None and before is not None:
                     allowed = quality.allowed(metric, before)
                     verdict = _verdict(each.value, each.low, each.high, allowed)
-                    told = (method, column["title"], metric["title"], before, after)
+                    told = (method, column.title, metric.title, before, after)
                     yield Check(*told, each.value, each.low, each.high, allowed, verdict, "quality")
 
 
@@ -222,21 +216,21 @@ def _times(new: _Side, old: _Side, methods: Sequence[str], allowed: float) -> It
         earlier = old.of(method)
         for (name, title), kind in product(TIMES.items(), FRAME_KINDS):
             title = f"{title}, {kind}, ms"
-            sides = [(cell, earlier[place]) for place, cell in new.of(method).items()]
-            pairs = [tuple((cell["times"].get(name) or {}).get(kind) for cell in both) for both in sides]
+            found = [(cell, earlier[place]) for place, cell in new.of(method).items() if place in earlier]
+            pairs = [tuple(getattr(cell.times, name).get(kind) for cell in both) for both in found]
             measured = [pair for pair in pairs if all(pair)]
             if measured:
                 ours, theirs = zip(*measured, strict=True)
                 ratio, low, high = time_ratio(_repeats(ours), _repeats(theirs), _SEED)
                 low, high = (None if bound is None else bound - 1 for bound in (low, high))
                 verdict = _verdict(ratio - 1, low, high, allowed)
-                before, after = (median(spread["median"] for spread in side) for side in (theirs, ours))
+                before, after = (median(spread.median for spread in side) for side in (theirs, ours))
                 yield Check(method, "", title, before, after, ratio - 1, low, high, allowed, verdict, "time")
 
 
-def _repeats(spreads: Sequence[dict[str, Any]]) -> list[list[float]]:
+def _repeats(spreads: Sequence[Spread]) -> list[list[float]]:
     """The repeats of each cell; the median alone where a run did not keep them."""
-    return [spread["values"] or [spread["median"]] for spread in spreads]
+    return [list(spread.values or (spread.median,)) for spread in spreads]
 
 
 def _verdict(worse: float, low: float | None, high: float | None, allowed: float) -> str:
@@ -250,23 +244,23 @@ def _verdict(worse: float, low: float | None, high: float | None, allowed: float
 
 def _other_device(new: _Side, old: _Side, methods: Sequence[str]) -> str | None:
     """Which devices the two runs used, if they are not one."""
-    used = [sorted({_device(c["device"]) for m in methods for c in side.of(m).values()}) for side in (new, old)]
+    used = [sorted({_device(c.device) for m in methods for c in side.of(m).values()}) for side in (new, old)]
     if used[0] == used[1] and len(used[0]) == 1:
         return None
     told = [f"{side.run.folder} on {' and '.join(devices)}" for side, devices in zip((new, old), used, strict=True)]
     return ", ".join(told)
 
 
-def _device(device: dict[str, Any] | None) -> str:
-    if not device:
+def _device(device: Device | None) -> str:
+    if device is None:
         return "an unknown device"
-    parts = [device["cpu"], f"{device['cores']} cores", f"{device['threads']} threads", *(device["gpus"] or ())]
-    return ", ".join([*parts, f"networks on {device['networks']}"] if device["networks"] else parts)
+    parts = [device.cpu, f"{device.cores} cores", f"{device.threads} threads", *device.gpus]
+    return ", ".join([*parts, f"networks on {device.networks}"] if device.networks else parts)
 
 
 def _remarks(new: _Side, old: _Side, methods: Sequence[str]) -> Iterator[str]:
     for method in methods:
-        presets = [side.info(method).get("preset") for side in (new, old)]
+        presets = [side.run.plan.method(method).preset for side in (new, old)]
         if presets[0] != presets[1]:
             yield f"{method} has another preset: {presets[0]!r}, the baseline {presets[1]!r}."
     if more := [name for name in new.names if name not in old.names]:

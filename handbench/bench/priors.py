@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
 
 from ..errors import InputError
 from ..files import writing
 from ..method import Method, Prior, Progress, Recording
 from ..render.shadowstore import default_folder, kept_on_disk
+from .record import CurvePoint
 from .store import Store
 
 _CURVE_POINTS = 500
@@ -64,23 +64,22 @@ class Priors:
         kept = self._store.prior(key)
         if kept is not None:
             try:
-                return method.load(self._store.prior_state(key)), kept["train_s"]
+                return method.load(self._store.sound_state(key)), kept.train_s
             except InputError:  # its weights are damaged: trained again
                 self._store.remove_prior(key)
         curve = Curve(progress)
-        about: dict[str, Any] = {"method": method.info.name, "config": method.config, "seed": seed}
-        with self._store.writing_prior(key, about) as folder:
+        with self._store.writing_prior(key, method.info.name, seed, method.config) as new:
             start = time.perf_counter()
             # shadows kept on disk are not for relighting: its times must not depend on them
             with kept_on_disk(default_folder(), _SHADOW_BYTES), self._store.checkpoints(key) as state:
                 prior = method.train(recording(), seed, curve)
             check()
-            about["train_s"] = time.perf_counter() - start + state.earlier_s
-            about["curve"] = curve.points()
-            with writing(folder):
-                prior.save(folder)
+            new.train_s = time.perf_counter() - start + state.earlier_s
+            new.curve = curve.points()
+            with writing(new.state):
+                prior.save(new.state)
         self._store.remove_checkpoints(key)
-        return method.load(self._store.prior_state(key)), about["train_s"]
+        return method.load(self._store.prior_state(key)), new.train_s
 
 
 class Curve:
@@ -88,17 +87,17 @@ class Curve:
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
-        self._told: list[dict[str, Any]] = []
+        self._told: list[CurvePoint] = []
 
     def __call__(self, step: int, total: int, **values: float) -> None:
         if values:
-            self._told.append({"step": step, **{name: _json(value) for name, value in values.items()}})
+            self._told.append(CurvePoint(step, {name: _json(value) for name, value in values.items()}))
         self._progress(step, total, **values)
 
-    def points(self) -> list[dict[str, Any]]:
+    def points(self) -> tuple[CurvePoint, ...]:
         """At most `_CURVE_POINTS` of them, evenly spread, the last one included."""
         every = -(-len(self._told) // _CURVE_POINTS) or 1
-        return self._told[::-1][::every][::-1]
+        return tuple(self._told[::-1][::every][::-1])
 
 
 def _json(value: float) -> float | None:

@@ -13,29 +13,29 @@ import sys
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from .. import __version__
 from ..device import device_name
 from ..memory import physical_memory
+from .record import Device, Git, Plugin, Provenance
 
 
-def provenance(command: list[str], targets: Iterable[str] = ()) -> dict[str, Any]:
-    """Everything a reader needs to judge or repeat a run, as JSON values; `targets` are those of its plug-ins."""
-    return {
-        "version": __version__,
-        "git": git_state(Path(__file__).parents[1] / "__init__.py"),
-        "python": platform.python_version(),
-        "packages": packages(),
-        "plugins": plugins(targets),
-        "os": platform.platform(),
-        "device": device(),
-        "command": shlex.join(command),
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-    }
+def provenance(command: list[str], targets: Iterable[str] = ()) -> Provenance:
+    """Everything a reader needs to judge or repeat a run; `targets` are those of its plug-ins."""
+    return Provenance(
+        version=__version__,
+        git=git_state(Path(__file__).parents[1] / "__init__.py"),
+        command=shlex.join(command),
+        python=platform.python_version(),
+        packages=packages(),
+        plugins=plugins(targets),
+        os=platform.platform(),
+        device=device(),
+        started=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
 
 
-def git_state(file: Path) -> dict[str, Any] | None:
+def git_state(file: Path) -> Git | None:
     """Commit and dirty flag of the checkout that tracks a file; None for an installed copy."""
 
     def git(*arguments: str) -> str | None:
@@ -49,10 +49,10 @@ def git_state(file: Path) -> dict[str, Any] | None:
     # A wheel in an environment inside someone's repository is not part of it: the file must be tracked.
     if git("ls-files", "--error-unmatch", file.name) is None:
         return None
-    return {"commit": git("rev-parse", "HEAD"), "dirty": bool(git("status", "--porcelain"))}
+    return Git(git("rev-parse", "HEAD"), bool(git("status", "--porcelain")))
 
 
-def plugins(targets: Iterable[str]) -> dict[str, dict[str, Any]]:
+def plugins(targets: Iterable[str]) -> dict[str, Plugin]:
     """Version, commit and dirty flag of the packages other than handbench that plug-ins ("module:attribute") are of."""
     roots = sorted({target.partition(":")[0].partition(".")[0] for target in targets} - {"handbench"})
     owners = importlib.metadata.packages_distributions() if roots else {}
@@ -61,7 +61,7 @@ def plugins(targets: Iterable[str]) -> dict[str, dict[str, Any]]:
         spec = importlib.util.find_spec(root)
         git = git_state(Path(spec.origin)) if spec and spec.origin else None
         versions = [importlib.metadata.version(name) for name in owners.get(root, ())]
-        found[root] = {"version": next(iter(versions), None), "git": git}
+        found[root] = Plugin(next(iter(versions), None), git)
     return found
 
 
@@ -77,23 +77,16 @@ def packages() -> dict[str, str]:
     return dict(sorted(found.items()))
 
 
-def device() -> dict[str, Any]:
+def device() -> Device:
     """The machine, for telling which times may be compared. GPUs are named only when torch is already in use."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     torch, memory = sys.modules.get("torch"), physical_memory()
     gpus = []
     if torch is not None and torch.cuda.is_available():
         gpus = [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())]
-    return {
-        "cpu": _cpu_model(),
-        "cores": cores,
-        "threads": torch.get_num_threads()
-        if torch is not None
-        else int(os.environ.get("OMP_NUM_THREADS") or cores or 1),
-        "memory_gb": None if memory is None else round(memory / 2**30, 1),
-        "gpus": gpus,
-        "networks": device_name(),
-    }
+    threads = torch.get_num_threads() if torch is not None else int(os.environ.get("OMP_NUM_THREADS") or cores or 1)
+    memory_gb = None if memory is None else round(memory / 2**30, 1)
+    return Device(_cpu_model(), cores, threads, memory_gb, tuple(gpus), device_name())
 
 
 def _cpu_model() -> str:

@@ -1,88 +1,74 @@
-"""The results of run folders, through DuckDB: what `handbench query`, the reports and the gate read.
+"""The results of run folders in SQL, through DuckDB: what `handbench query` asks.
 
     runs       one line a run folder: protocol, capture, commit, command
     methods    one line a method of a run
-    cells      one line a finished cell: times, device, laws, error
+    cells      one line a finished cell: seconds, device, laws, error
+    times      one line a kind of frame that a cell timed poses under
     scores     one line a value
 
 Only cells of a run's plan are there: those of earlier plans that still lie in the folder are not. `run` is the folder
 as it was named. Several folders share their finished cells by key, so the parts of a sharded run complete each other.
+Columns are fields of the records, and have their types.
 """
 
 from __future__ import annotations
 
 import json
-import math
-import tempfile
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..scene import Array
-from .reading import Run
-from .store import SCHEMA, Store
+from .reading import Run, completed
+from .record import CellRecord, MethodRecord, RunRecord
+from .schema import at, sql_at
 
-if TYPE_CHECKING:
-    import duckdb
-
-NOT_COMPUTED = "not computed: the run was stopped or the cell failed"
-NOT_FINITE = "the value is not finite"
-
-_SPREAD = "STRUCT(median DOUBLE, min DOUBLE, max DOUBLE, n BIGINT, values DOUBLE[])"
-_CELL = {
-    "schema": "BIGINT",
-    "key": "VARCHAR",
-    "method": "STRUCT(name VARCHAR)",
-    "subject": "VARCHAR",
-    "seed": "BIGINT",
-    "device": "STRUCT(cpu VARCHAR, cores BIGINT, threads BIGINT, gpus VARCHAR[], networks VARCHAR)",
-    "times": "STRUCT(train_s DOUBLE, personalise_s DOUBLE, score_s DOUBLE, "
-    f"new_pose_ms MAP(VARCHAR, {_SPREAD}), known_pose_ms MAP(VARCHAR, {_SPREAD}))",
-    "laws": "STRUCT(linearity DOUBLE)",
-    "same_pixels": "BOOLEAN",
-    "error": "VARCHAR",
-    "scores": 'STRUCT("column" VARCHAR, query VARCHAR, kind VARCHAR, metric VARCHAR, value DOUBLE, reason VARCHAR)[]',
+# Columns of the views by name, each the way to it in a record.
+_RUNS = {
+    "protocol": "protocol.name",
+    "version": "protocol.version",
+    "digest": "protocol.digest",
+    "title": "protocol.title",
+    "capture": "capture.name",
+    "capture_digest": "capture.digest",
+    "handbench": "provenance.version",
+    "commit": "provenance.git.commit",
+    "dirty": "provenance.git.dirty",
+    "command": "provenance.command",
+    "started": "provenance.started",
 }
-_VIEWS = f"""
+_METHODS = {
+    "method": "name",
+    **{name: name for name in ("title", "fidelity", "preset", "universal", "linear", "truth", "config")},
+}
+_CELLS = {
+    "method": "method.name",
+    "subject": "subject",
+    "seed": "seed",
+    **{name: f"times.{name}" for name in ("train_s", "personalise_s", "score_s")},
+    **{name: f"device.{name}" for name in ("cpu", "cores", "threads", "gpus", "networks")},
+    "nonlinearity": "laws.linearity",
+    "same_pixels": "same_pixels",
+    "error": "error",
+    "key": "key",
+}
+_SPREAD = {"_ms": "median", "_min_ms": "min", "_max_ms": "max"}
+_VIEWS = """
 CREATE VIEW runs AS SELECT * FROM told_runs;
 CREATE VIEW methods AS SELECT * FROM told_methods;
-CREATE VIEW cells AS SELECT run, protocol, version, method.name AS method, subject, seed,
-    times.train_s, times.personalise_s, times.score_s,
-    device.cpu, device.cores, device.threads,
-    array_to_string(device.gpus, ', ') AS gpus, device.networks, laws.linearity AS nonlinearity, same_pixels, error, key
-    FROM found JOIN told_runs USING (run);
-CREATE VIEW times AS SELECT run, method, subject, seed, kind, new_pose.median AS new_pose_ms,
-    new_pose.min AS new_pose_min_ms, new_pose.max AS new_pose_max_ms, known_pose.median AS known_pose_ms,
-    known_pose.min AS known_pose_min_ms, known_pose.max AS known_pose_max_ms
-    FROM (SELECT *, times.new_pose_ms[kind] AS new_pose, times.known_pose_ms[kind] AS known_pose
-        FROM (SELECT run, method.name AS method, subject, seed, times, unnest(list_distinct(
-            list_concat(map_keys(times.new_pose_ms), map_keys(times.known_pose_ms)))) AS kind FROM found));
-CREATE VIEW scores AS SELECT run, protocol, version, score."column" AS "column", found.method, subject, seed,
-    score.query, score.kind, coalesce(told_metrics.name, split_part(score.metric, '|', 1)) AS metric,
-    score.metric AS signature, CASE WHEN isfinite(score.value) THEN score.value END AS value,
-    CASE WHEN score.value IS NULL OR NOT isfinite(score.value) THEN coalesce(score.reason, '{NOT_FINITE}') END AS reason
-    FROM (SELECT run, method.name AS method, subject, seed, unnest(scores) AS score FROM found) AS found
-    JOIN told_runs USING (run) LEFT JOIN told_metrics ON run = told_metrics.of_run AND score.metric = signature;
+CREATE VIEW cells AS SELECT run, protocol, version, found.* EXCLUDE (run, number)
+    REPLACE (array_to_string(gpus, ', ') AS gpus) FROM found JOIN told_runs USING (run);
+CREATE VIEW times AS SELECT run, method, subject, seed, told_times.* EXCLUDE (number)
+    FROM told_times JOIN found USING (number);
+CREATE VIEW scores AS SELECT run, protocol, version, frame."column" AS "column", method, subject, seed,
+    frame.query, frame.kind, coalesce(told_metrics.name, split_part(signature, '|', 1)) AS metric, signature,
+    value, reason
+    FROM told_values JOIN frame USING (frame) JOIN found USING (number) JOIN told_runs USING (run)
+    LEFT JOIN told_metrics USING (run, signature);
 """
-
-
-@dataclass(frozen=True)
-class Values:
-    """The values of one method in one protocol column.
-
-    values      (metrics, seeds, frames), NaN where there is none, in the order of the plan
-    subjects    (frames,) whole numbers
-    reasons     of each metric: why values are missing, and how many
-    """
-
-    values: Array
-    subjects: Array
-    reasons: tuple[dict[str, int], ...]
 
 
 @dataclass(frozen=True)
@@ -96,16 +82,15 @@ class Answer:
 class Results:
     """Run folders as DuckDB views. Use it in a `with` block.
 
-    Raises `InputError` for a cell that a newer version wrote; a damaged one is left out, as if it were not there.
+    Raises `InputError` as `Run.cells` does.
     """
 
     def __init__(self, runs: Sequence[Run]) -> None:
         import duckdb
 
-        self.runs = tuple(runs)
         # Nothing is fetched from a network, whatever a query asks for; and so little data is read faster by one thread.
         self._connection = duckdb.connect(config={"autoinstall_known_extensions": False, "threads": 1})
-        self._load()
+        self._load(completed(runs))
         self._connection.execute("SET enable_external_access = false; SET lock_configuration = true")
 
     def __enter__(self) -> Results:
@@ -129,144 +114,79 @@ class Results:
         except Exception as error:  # DuckDB's own, and Python's for values that it has no type for
             raise InputError(f"the query cannot be answered: {_sentence(str(error))}") from error
 
-    def cells(self, run: Run) -> list[dict[str, Any]]:
-        """The finished cells of a run without their scores, by seed and subject."""
-        cursor = self._connection.execute(
-            "SELECT method.name AS method, key, subject, seed, times, device, laws.linearity AS nonlinearity, error "
-            "FROM found WHERE run = ? ORDER BY seed, subject",
-            [str(run.folder)],
-        )
-        names = [name for name, *_ in cursor.description]
-        return [dict(zip(names, row, strict=True)) for row in cursor.fetchall()]
-
-    def values(self, run: Run) -> dict[tuple[str, str], Values]:
-        """All values of a run by (method, column)."""
-        protocol = run.plan["protocol"]
-        metrics = {metric["signature"]: i for i, metric in enumerate(protocol["metrics"])}
-        seeds = {seed: i for i, seed in enumerate(run.plan["seeds"])}
-        found: dict[tuple[str, str], Values] = {}
-        frames: dict[str, dict[str, int]] = {}
-        for column in protocol["columns"]:
-            queries = frames[column["name"]] = {query: i for i, query in enumerate(column["queries"])}
-            owners = [query.partition("/")[0] for query in queries]
-            subjects = np.unique(owners, return_inverse=True)[1]
-            for info in run.plan["methods"]:
-                values = np.full((len(metrics), len(seeds), len(queries)), np.nan)
-                found[info["name"], column["name"]] = Values(values, subjects, tuple(Counter() for _ in metrics))
-        seen = {key: np.zeros(values.values.shape, dtype=bool) for key, values in found.items()}
-        for method, name, metric, seed, query, value, reason in self._scores(run):
-            if (method, name) in found and metric in metrics and seed in seeds and query in frames[name]:
-                place = metrics[metric], seeds[seed], frames[name][query]
-                seen[method, name][place] = True
-                if value is None:
-                    found[method, name].reasons[place[0]][reason] += 1
-                else:
-                    found[method, name].values[place] = value
-        for key, there in seen.items():
-            for reasons, count in zip(found[key].reasons, (~there).sum(axis=(1, 2)).tolist(), strict=True):
-                if count:
-                    reasons[NOT_COMPUTED] = count
-        return found
-
-    def _scores(self, run: Run) -> Iterator[tuple[Any, ...]]:
-        cursor = self._connection.execute(
-            'SELECT method, "column", signature, seed, query, value, reason FROM scores WHERE run = ? '
-            "ORDER BY seed, subject, query",
-            [str(run.folder)],
-        )
-        while rows := cursor.fetchmany(10_000):
-            yield from rows
-
-    def _load(self) -> None:
+    def _load(self, runs: Sequence[Run]) -> None:
         """The tables behind the views."""
-        execute = self._connection.execute
-        execute(
-            "CREATE TABLE told_runs (run VARCHAR, protocol VARCHAR, version BIGINT, digest VARCHAR, title VARCHAR, "
-            "capture VARCHAR, capture_digest VARCHAR, handbench VARCHAR, commit VARCHAR, dirty BOOLEAN, "
-            "command VARCHAR, started VARCHAR)"
-        )
-        execute(
-            "CREATE TABLE told_methods (run VARCHAR, method VARCHAR, title VARCHAR, fidelity VARCHAR, preset VARCHAR, "
-            "universal BOOLEAN, linear BOOLEAN, truth BOOLEAN, config JSON)"
-        )
-        execute("CREATE TABLE told_metrics (of_run VARCHAR, signature VARCHAR, name VARCHAR)")
-        execute(f"CREATE TABLE found (run VARCHAR, {', '.join(f'{name} {kind}' for name, kind in _CELL.items())})")
-        for run in self.runs:
-            _insert(self._connection, "told_runs", [_about_run(run)])
-            _insert(self._connection, "told_methods", [_about_method(run, info) for info in run.plan["methods"]])
-            metrics = run.plan["protocol"]["metrics"]
-            _insert(self._connection, "told_metrics", [(str(run.folder), m["signature"], m["name"]) for m in metrics])
-            self._load_cells(run)
-        execute(_VIEWS)
+        told = [(str(run.folder), run) for run in runs]
+        cells = [(name, cell) for name, run in told for cell in run.in_order]
+        metrics = [(name, metric) for name, run in told for metric in run.plan.protocol.metrics]
+        methods = [(name, method) for name, run in told for method in run.plan.methods]
+        plans = [(name, run.plan) for name, run in told]
+        self._put("told_runs", _types(RunRecord, _RUNS), _columns(plans, _RUNS))
+        self._put("told_methods", _types(MethodRecord, _METHODS), _columns(methods, _METHODS, config=json.dumps))
+        types = {"run": "VARCHAR", "signature": "VARCHAR", "name": "VARCHAR"}
+        named = [(run, metric.signature, metric.name) for run, metric in metrics]
+        self._put("told_metrics", types, zip(*named, strict=True))
+        numbers = np.arange(len(cells))
+        self._put("found", {**_types(CellRecord, _CELLS), "number": "BIGINT"}, [*_columns(cells, _CELLS), numbers])
+        self._put_times([cell for _, cell in cells])
+        self._put_scores([cell for _, cell in cells])
+        self._connection.execute(_VIEWS)
 
-    def _load_cells(self, run: Run) -> None:
-        import duckdb
+    def _put_times(self, cells: Sequence[CellRecord]) -> None:
+        """A line for each kind of frame that a cell timed poses under."""
+        lines: list[tuple[Any, ...]] = []
+        for number, cell in enumerate(cells):
+            new, known = cell.times.new_pose_ms, cell.times.known_pose_ms
+            for kind in dict.fromkeys((*new, *known)):
+                spreads = (new.get(kind), known.get(kind))
+                lines.append((number, kind, *(at(spread, name) for spread in spreads for name in _SPREAD.values())))
+        names = (f"{pose}{name}" for pose in ("new_pose", "known_pose") for name in _SPREAD)
+        types = {"number": "BIGINT", "kind": "VARCHAR", **dict.fromkeys(names, "DOUBLE")}
+        self._put("told_times", types, zip(*lines, strict=True))
 
-        paths = [path for path in map(self._path(run), run.plan["cells"]) if path]
-        try:
-            self._read(run, paths)
-        except duckdb.Error:  # a damaged file: DuckDB refuses all, so the good ones are written anew and read
-            with tempfile.TemporaryDirectory() as folder:
-                self._read(run, [_plain(path, Path(folder)) for path in paths])
+    def _put_scores(self, cells: Sequence[CellRecord]) -> None:
+        """A line a frame, and a line a value that names its frame."""
+        frames = [(number, frame) for number, cell in enumerate(cells) for frame in cell.scores]
+        sizes = np.array([len(frame.values) for _, frame in frames], dtype=int)
+        counts = np.array([cell_number for cell_number, _ in frames], dtype=int)
+        types = {"frame": "BIGINT", "column": "VARCHAR", "query": "VARCHAR", "kind": "VARCHAR"}
+        names = ([getattr(frame, name) for _, frame in frames] for name in ("column", "query", "kind"))
+        self._put("frame", types, [np.arange(len(frames)), *names])
+        types = {"frame": "BIGINT", "number": "BIGINT", "signature": "VARCHAR", "value": "DOUBLE", "reason": "VARCHAR"}
+        signatures = [signature for cell in cells for _ in cell.scores for signature in cell.metrics]
+        values = [value for _, frame in frames for value in frame.values]
+        reasons = [reason for _, frame in frames for reason in frame.reasons or (None,) * len(frame.values)]
+        indices = [np.repeat(np.arange(len(frames)), sizes), np.repeat(counts, sizes)]
+        self._put("told_values", types, [*indices, signatures, values, reasons])
 
-    def _path(self, run: Run) -> Any:
-        """Where the finished cell of a key is: in the run's own folder, else in one of the others."""
-        folders = [run.folder, *(other.folder for other in self.runs if other is not run)]
-
-        def path(key: str) -> Path | None:
-            places = (folder / "cells" / f"{key}.json" for folder in folders)
-            return next((place for place in places if place.is_file()), None)
-
-        return path
-
-    def _read(self, run: Run, paths: Sequence[Path]) -> None:
-        if not paths:
-            return
-        columns = ", ".join(f"{name}: '{kind}'" for name, kind in _CELL.items())
-        largest = max(path.stat().st_size for path in paths)
-        source = f"read_json($paths, columns = {{{columns}}}, format = 'unstructured', filename = true, "
-        source += f"maximum_object_size = {2 * largest + (1 << 20)})"
-        names = ", ".join(_CELL)
-        self._connection.execute(
-            f"INSERT INTO found SELECT $run, {names} FROM {source} "
-            f"WHERE schema >= {SCHEMA} AND key = parse_filename(filename, true)",
-            {"run": str(run.folder), "paths": [str(path) for path in paths]},
-        )
-        newer = self._connection.execute(f"SELECT key FROM found WHERE schema > {SCHEMA}").fetchone()
-        if newer:
-            path = self._path(run)(newer[0])
-            Store(path.parents[1]).cell(newer[0])  # raises, and says so in the store's words
+    def _put(self, table: str, types: Mapping[str, str], columns: Iterable[Sequence[Any] | Array]) -> None:
+        """A new table; DuckDB takes a column whole."""
+        names = ", ".join(f'"{name}" {kind}' for name, kind in types.items())
+        self._connection.execute(f"CREATE TABLE {table} ({names})")
+        arrays = {name: _array(column) for name, column in zip(types, columns, strict=False)}
+        if arrays and len(next(iter(arrays.values()))):
+            self._connection.register("given", arrays)
+            self._connection.execute(f"INSERT INTO {table} SELECT * FROM given")
+            self._connection.unregister("given")
 
 
-def _insert(connection: duckdb.DuckDBPyConnection, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
-    if rows:
-        connection.executemany(f"INSERT INTO {table} VALUES ({', '.join('?' * len(rows[0]))})", rows)
+def _types(kind: type, ways: Mapping[str, str]) -> dict[str, str]:
+    return {"run": "VARCHAR", **{name: sql_at(kind, way) for name, way in ways.items()}}
 
 
-def _about_run(run: Run) -> tuple[Any, ...]:
-    protocol, origin = run.plan["protocol"], run.plan["provenance"]
-    git = origin.get("git") or {}
-    return (
-        *(str(run.folder), protocol["name"], protocol["version"], protocol["digest"], protocol["title"]),
-        *(run.plan["capture"]["name"], run.plan["capture"]["digest"], origin["version"], git.get("commit")),
-        *(git.get("dirty"), origin["command"], origin.get("started")),
-    )
+def _columns(records: Sequence[tuple[str, Any]], ways: Mapping[str, str], **change: Any) -> list[list[Any]]:
+    """The folders, then what lies at the end of each way, column by column; `change` is applied to columns by name."""
+    same = lambda value: value  # noqa: E731
+    columns = [[change.get(name, same)(at(record, way)) for _, record in records] for name, way in ways.items()]
+    return [[run for run, _ in records], *columns]
 
 
-def _about_method(run: Run, info: dict[str, Any]) -> tuple[Any, ...]:
-    fields = (info.get(name) for name in ("title", "fidelity", "preset", "universal", "linear", "truth"))
-    return (str(run.folder), info["name"], *fields, json.dumps(info.get("config")))
-
-
-def _plain(path: Path, folder: Path) -> Path:
-    """A copy of a cell's file that is sound JSON: empty for a damaged cell, null for values that are not finite."""
-    cell = Store(path.parents[1]).cell(path.stem)
-    for score in cell["scores"] if cell else ():
-        if score["value"] is not None and not math.isfinite(score["value"]):
-            score["value"] = None
-    copy = folder / path.name
-    copy.write_text(json.dumps(cell or {}))
-    return copy
+def _array(column: Sequence[Any] | Array) -> Array:
+    if isinstance(column, np.ndarray):
+        return column
+    found = np.empty(len(column), dtype=object)
+    found[:] = [list(value) if isinstance(value, tuple) else value for value in column]
+    return found
 
 
 def _sentence(text: str) -> str:

@@ -6,12 +6,12 @@ import importlib
 import shlex
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import InputError, unknown_name
 from ..registry import PROTOCOLS, Entry
-from .describe import about_protocol, about_run
+from .describe import protocol_record, run_record
 from .executor import Done, Job, Site, finished, work
 from .plan import Cell, Plan, Shard, check_preset, default_methods
 from .progress import Steps, steps
@@ -104,7 +104,7 @@ def _outcome(
     for cell in tried:
         found = store.cell(cell.key)
         if not finished(found):
-            reasons = [score["reason"] for score in found["scores"] if score["reason"]] if found else []
+            reasons = [frame.reason for frame in found.scores if frame.reason] if found else []
             crashed.append(f"{cell.label}: {(reasons or [done.lost.get(cell.key, 'not computed')])[0]}")
     elsewhere = set(plan.cells) - set(cells)
     missing = [cell.label for cell in plan.cells if cell in elsewhere and store.cell(cell.key) is None]
@@ -138,8 +138,8 @@ def _announce(site: Site, shard: Shard | None) -> None:
     store = site.job.store
     if shard is not None and _refresh(store, site.plan):
         return
-    origin = {**site.origin, "command": shlex.join(_without_shard(site.job.command or sys.argv))}
-    store.write_run(about_run(site.plan, site.tools.methods, site.tools.metrics, site.bench.selected, origin))
+    origin = replace(site.origin, command=shlex.join(_without_shard(site.job.command or sys.argv)))
+    store.write_run(run_record(site.plan, site.tools.methods, site.tools.metrics, site.bench.selected, origin))
 
 
 def _without_shard(command: Sequence[str]) -> list[str]:
@@ -156,19 +156,18 @@ def _without_shard(command: Sequence[str]) -> list[str]:
 def _known(store: Store, protocol: Protocol, presets: dict[str, str]) -> bool:
     """Whether the folder's last run had the same metrics, methods and presets."""
     told = store.run()
-    if told is None or told["protocol"]["digest"] != protocol.digest:
+    if told is None or told.protocol.digest != protocol.digest:
         return False
-    return presets.items() <= {method["name"]: method["preset"] for method in told["methods"]}.items()
+    return presets.items() <= {method.name: method.preset for method in told.methods}.items()
 
 
 def _refresh(store: Store, plan: Plan) -> bool:
     """Whether run.json already tells this plan; a changed title is brought up to date without loading anything."""
     told = store.run()
-    if told is None or told["cells"] != [cell.key for cell in plan.cells]:
+    if told is None or told.cells != tuple(cell.key for cell in plan.cells):
         return False
-    now = {**about_protocol(plan.protocol), "metrics": told["protocol"]["metrics"]}
-    for column, before in zip(now["columns"], told["protocol"]["columns"], strict=True):
-        column["queries"] = before["queries"]
-    if now != told["protocol"]:
-        store.write_run({**told, "protocol": now})
+    queries = {column.name: column.queries for column in told.protocol.columns}
+    now = protocol_record(plan.protocol, told.protocol.metrics, queries)
+    if now != told.protocol:
+        store.write_run(replace(told, protocol=now))
     return True

@@ -1,38 +1,43 @@
 """The results of a run on disk: append-only, one JSON file a cell, whole or absent.
 
     run.json                        what the last run planned: protocol, metrics, methods, cells, provenance
-    cells/<cell key>.json           one finished cell; files of earlier plans stay
+    cells/<cell key>.json           one finished cell, with a digest of each picture; files of earlier plans stay
     predictions/<cell key>/*.exr    what the method drew, half floats, one file a query ("/" becomes "__")
-    priors/<prior key>/             state/ as the method saved it, and train.json
+    priors/<prior key>/             state/ as the method saved it, and train.json with a digest of each file
     checkpoints/<key>/              trainings under way, of priors and of cells; gone when they are done
     claims/<key>                    cells and trainings that a process is at work on; gone when they are done
 
 Everything is written under a temporary name beside its place, flushed, and renamed, so a reader or a second
-process never sees half a file.
+process never sees half a file. A record holds a digest of itself: see `record` and `recordfile`. Nothing is read or
+written outside of the folder.
 """
 
 from __future__ import annotations
 
 import errno
-import json
+import hashlib
 import os
 import shutil
 import socket
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from ..checkpoint import Checkpoints, checkpoints_in
-from ..errors import InputError
-from ..files import writing
+from ..errors import Absent, Damaged, StorageError
+from ..files import JSON_LIMIT, read_bytes, writing
 from ..scene import Prediction
 from .claims import claim, holder
+from .record import CellRecord, CurvePoint, PriorRecord, RunRecord
+from .recordfile import dump, parse
 
-SCHEMA = 1
+_Record = TypeVar("_Record", RunRecord, CellRecord, PriorRecord)
+_PARTS = ("cells", "predictions", "priors", "checkpoints", "claims")  # of a run folder
 _HALF_MAX = float(np.finfo(np.float16).max)
 
 
@@ -49,6 +54,8 @@ class Store:
         """
         with writing(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
+        for name in _PARTS:
+            self.own(self.folder / name)
         for place in self._places():
             with writing(place):
                 probe = _part(place / "probe")
@@ -85,39 +92,78 @@ class Store:
         holders = (holder(self.folder / "claims" / key) for key in keys)
         return next((name for name in holders if name is not None), "another process")
 
-    def run(self) -> dict[str, Any] | None:
-        """The plan of the last run, or None. Raises `InputError` if a newer version wrote it."""
-        return _read(self.folder / "run.json")
+    def run(self) -> RunRecord | None:
+        """The plan of the last run, None if it is absent or damaged. Raises `InputError` for a newer version's."""
+        return _unless_damaged(self.read_run)
 
-    def write_run(self, content: dict[str, Any]) -> None:
-        self._write(self.folder / "run.json", content)
+    def read_run(self) -> RunRecord | None:
+        """The plan of the last run, or None if it is absent. Raises `Damaged`, naming the field, and as `run` does."""
+        return self._read(RunRecord, self.folder / "run.json")
 
-    def cell(self, key: str) -> dict[str, Any] | None:
-        """A finished cell, or None if it is absent or damaged. Raises `InputError` if a newer version wrote it."""
-        cell = _read(self.folder / "cells" / f"{key}.json")
-        return cell if cell is not None and cell.get("key") == key else None
+    def write_run(self, run: RunRecord) -> None:
+        self._write(self.folder / "run.json", run)
 
-    def write_cell(self, cell: dict[str, Any]) -> None:
-        self._write(self.folder / "cells" / f"{cell['key']}.json", cell)
+    def cell(self, key: str) -> CellRecord | None:
+        """A finished cell, None if it is absent or damaged. Raises `InputError` for a newer version's."""
+        return _unless_damaged(lambda: self.read_cell(key))
+
+    def read_cell(self, key: str) -> CellRecord | None:
+        """A finished cell, or None if it is absent. Raises `Damaged`, naming the field, and as `cell` does."""
+        path = self.folder / "cells" / f"{key}.json"
+        cell = self._read(CellRecord, path)
+        if cell is not None and cell.key != key:
+            raise Damaged(f"{path} is damaged: key is {cell.key!r}, not its name; run again into this folder")
+        return cell
+
+    def write_cell(self, cell: CellRecord) -> None:
+        self._write(self.folder / "cells" / f"{cell.key}.json", cell)
 
     def write_prediction(self, key: str, query: str, prediction: Prediction) -> str:
         """Keep a finite prediction for the reports' figures; values beyond half floats are clipped.
 
-        Returns the folder of the cell's predictions, relative to the run.
+        Returns the SHA-256 of its file.
         """
         from ..data.exr import rgb, write_exr
 
-        folder = f"predictions/{key}"
-        path = self.folder / folder / f"{query.replace('/', '__')}.exr"
+        path = self.picture(key, query)
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             image, alpha = (np.clip(a, -_HALF_MAX, _HALF_MAX) for a in (prediction.image, prediction.alpha))
             write_exr(path, {**rgb(image), "A": alpha.astype(np.float16)})
-        return folder
+            return _sha256(path)
 
-    def prior(self, key: str) -> dict[str, Any] | None:
-        """What is known of a kept prior, or None."""
-        return _read(self.folder / "priors" / key / "train.json")
+    def picture(self, key: str, query: str) -> Path:
+        """Where a cell keeps its picture of a query."""
+        return self.folder / "predictions" / key / f"{query.replace('/', '__')}.exr"
+
+    def read_prediction(self, cell: CellRecord, query: str) -> Prediction:
+        """The picture that a cell kept of a query, in half floats.
+
+        Raises `Damaged` if it is not what was written, and `InputError` if it is not there or no picture.
+        """
+        from ..data.exr import read_exr, stack
+
+        path = self.picture(cell.key, query)
+        if path.exists():
+            self._check(path, cell.predictions.get(query, ""), "run again into an empty folder")
+        channels = read_exr(path)
+        return Prediction(stack(channels, ("R", "G", "B"), path), stack(channels, ("A",), path)[..., 0])
+
+    def prior(self, key: str) -> PriorRecord | None:
+        """What is known of a kept training; None if it is absent or damaged."""
+        return _unless_damaged(lambda: self.read_prior(key))
+
+    def read_prior(self, key: str) -> PriorRecord | None:
+        """What is known of a kept training, or None if it is absent. Raises `Damaged`, naming the field."""
+        return self._read(PriorRecord, self.folder / "priors" / key / "train.json")
+
+    def sound_state(self, key: str) -> Path:
+        """The folder for `Method.load`, each file of it as it was written. Raises `Damaged` if one is not."""
+        state = self.prior_state(key)
+        record = self.read_prior(key)
+        for name, digest in (record.files if record else {}).items():
+            self._check(state / name, digest, "run again into this folder, which trains again")
+        return state
 
     def prior_state(self, key: str) -> Path:
         return self.folder / "priors" / key / "state"
@@ -135,16 +181,19 @@ class Store:
         _remove(self.folder / "checkpoints" / key)
 
     @contextmanager
-    def writing_prior(self, key: str, about: dict[str, Any]) -> Iterator[Path]:
-        """An empty folder for `Prior.save`; it takes its place when the block ends without an error."""
+    def writing_prior(self, key: str, method: str, seed: int, config: object) -> Iterator[NewPrior]:
+        """A new training, whose state goes into an empty folder; it takes its place if the block ends well."""
         target = self.folder / "priors" / key
         part = _part(target)
+        new = NewPrior(part / "state")
         try:
             with writing(target):
-                (part / "state").mkdir(parents=True)
-            yield part / "state"
+                new.state.mkdir(parents=True)
+            yield new
             with writing(target):
-                _dump(part / "train.json", {"schema": SCHEMA, **about})
+                files = {file.relative_to(new.state).as_posix(): _sha256(file) for file in _files(new.state)}
+                record = PriorRecord(method, seed, new.train_s, files, new.curve, config)
+                _put(part / "train.json", dump(record))
                 if self.prior(key) is None:  # absent or damaged: not yet brought in by another process
                     shutil.rmtree(target, ignore_errors=True)
                     try:
@@ -155,40 +204,67 @@ class Store:
         finally:
             _remove(part)
 
-    def _write(self, path: Path, content: dict[str, Any]) -> None:
-        part = _part(path)
+    def own(self, path: Path) -> Path:
+        """A path of this folder. Raises `StorageError` if a link leads out of it: a run folder may be a stranger's."""
+        if not path.resolve().is_relative_to(self.folder.resolve()):
+            raise StorageError(f"{path} leads out of {self.folder} by a link; put the file itself there")
+        return path
+
+    def _read(self, kind: type[_Record], path: Path) -> _Record | None:
+        try:
+            return parse(kind, read_bytes(self.own(path), JSON_LIMIT), path)
+        except Absent:
+            return None
+
+    def _write(self, path: Path, record: RunRecord | CellRecord) -> None:
+        text = dump(record)
+        part = _part(self.own(path))
         with writing(path):
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                _dump(part, content)
+                _put(part, text)
                 part.replace(path)
             finally:
                 _remove(part)
 
+    def _check(self, path: Path, digest: str, remedy: str) -> None:
+        """Whether a file is what was written; records of version 1 cannot tell."""
+        if not self.own(path).is_file():
+            raise Damaged(f"{path} is not there or no file; {remedy}")
+        if digest and _sha256(path) != digest:
+            raise Damaged(f"{path} is damaged: it was changed after it was written; {remedy}")
 
-def _dump(path: Path, content: dict[str, Any]) -> None:
+
+@dataclass
+class NewPrior:
+    """A training to be kept: the folder for `Prior.save`, and what is told of it."""
+
+    state: Path
+    train_s: float = 0.0
+    curve: tuple[CurvePoint, ...] = ()
+
+
+def _unless_damaged(read: Callable[[], _Record | None]) -> _Record | None:
+    try:
+        return read()
+    except Damaged:  # by something else than us: computed again
+        return None
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _put(path: Path, text: str) -> None:
     with path.open("w", encoding="utf-8") as file:
-        json.dump(content, file, indent=1, allow_nan=False)
-        file.write("\n")
+        file.write(text)
         file.flush()
         os.fsync(file.fileno())
-
-
-def _read(path: Path) -> dict[str, Any] | None:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, NotADirectoryError, ValueError):
-        return None  # absent, or damaged by something else than us: computed again
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
-    if not isinstance(content, dict):
-        return None
-    schema = content.get("schema")
-    if isinstance(schema, int) and schema > SCHEMA:
-        raise InputError(
-            f"{path} was written by a newer version (schema {schema}, we read {SCHEMA}); upgrade handbench"
-        )
-    return content if schema == SCHEMA else None
 
 
 def _part(path: Path) -> Path:

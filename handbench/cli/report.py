@@ -87,7 +87,8 @@ def _query(arguments: argparse.Namespace) -> int:
         answer = results.query(arguments.sql)
     if arguments.format == "csv":
         writer = csv.writer(sys.stdout, lineterminator="\n")
-        writer.writerows([answer.columns, *answer.rows])
+        safe = importlib.import_module("handbench.reports.safe")
+        writer.writerows([map(safe.csv_cell, row) for row in (answer.columns, *answer.rows)])
     elif arguments.format == "json":
         rows = [dict(zip(answer.columns, map(_plain, row), strict=True)) for row in answer.rows]
         say(json.dumps(rows, indent=1, allow_nan=False))

@@ -16,6 +16,7 @@ from handbench.bench.progress import steps
 from handbench.bench.protocol import Protocol, resolve
 from handbench.bench.provenance import provenance
 from handbench.bench.run import find_protocol
+from handbench.bench.schema import plain
 from handbench.data.capture import Capture, open_capture
 from handbench.errors import StorageError, Unsupported
 from handbench.files import whole
@@ -158,7 +159,7 @@ def run(
     protocol = find_protocol(protocol_name)
     preset = preset or protocol.preset_of(NAME)
     tracker = create(preset)
-    about = provenance(command or sys.argv)
+    about = plain(provenance(command or sys.argv))
     try:
         (out / "prior").mkdir(parents=True, exist_ok=True)
     except OSError as error:

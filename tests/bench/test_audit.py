@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable
@@ -16,10 +17,11 @@ import handbench.bench.audit.evidence as evidence_module
 from handbench.bench.audit import CHECKS, audit, injection, pixels, separation
 from handbench.bench.audit.evidence import Evidence, gather
 from handbench.bench.protocol import Selection
+from handbench.bench.recordfile import sealed
 from handbench.bench.run import find_protocol, run
 from handbench.cli import main
 from handbench.data.exr import read_exr, write_exr
-from handbench.errors import InputError
+from handbench.errors import Damaged, InputError
 from handbench.reports import table
 from handbench.scene import Directional, Environment, Point, Prediction
 
@@ -67,7 +69,7 @@ def cell_of(folder: Path, method: str, subject: str = "s01") -> Path:
 def edit(path: Path, change: Callable[[dict], None]) -> None:
     content = json.loads(path.read_text())
     change(content)
-    path.write_text(json.dumps(content))
+    path.write_text(json.dumps(sealed(content)))
 
 
 def test_a_sound_run_holds_and_is_not_touched(sound: Path, capsys: pytest.CaptureFixture) -> None:
@@ -90,27 +92,31 @@ def test_a_sound_run_holds_and_is_not_touched(sound: Path, capsys: pytest.Captur
 
 def tampered_score(folder: Path) -> None:
     """A better score than the picture has."""
-    edit(cell_of(folder, "physical"), lambda cell: [s.update(value=s["value"] + 0.05) for s in cell["scores"]])
+    edit(
+        cell_of(folder, "physical"),
+        lambda cell: [s.update(values=[v + 0.05 for v in s["values"]]) for s in cell["scores"]],
+    )
 
 
 def oracle_not_perfect(folder: Path) -> None:
-    edit(cell_of(folder, "oracle"), lambda cell: cell["scores"][0].update(value=99.9))
+    edit(cell_of(folder, "oracle"), lambda cell: cell["scores"][0]["values"].__setitem__(0, 99.9))
 
 
 def oracle_without_value(folder: Path) -> None:
-    edit(cell_of(folder, "oracle"), lambda cell: cell["scores"][0].update(value=None, reason="unsupported: no reason"))
+    def change(cell: dict) -> None:
+        others = len(cell["metrics"]) - 1
+        cell["scores"][0]["values"][0] = None
+        cell["scores"][0]["reasons"] = ["unsupported: no reason", *[None] * others]
+
+    edit(cell_of(folder, "oracle"), change)
 
 
 def lost_score(folder: Path) -> None:
     edit(cell_of(folder, "mean"), lambda cell: cell["scores"].pop())
 
 
-def doubled_score(folder: Path) -> None:
-    edit(cell_of(folder, "mean"), lambda cell: cell["scores"].append(cell["scores"][0]))
-
-
-def neither_value_nor_reason(folder: Path) -> None:
-    edit(cell_of(folder, "mean"), lambda cell: cell["scores"][0].update(value=None))
+def additional_score(folder: Path) -> None:
+    edit(cell_of(folder, "mean"), lambda cell: cell["scores"].append({**cell["scores"][0], "column": "another"}))
 
 
 def lost_cell(folder: Path) -> None:
@@ -121,7 +127,7 @@ def dropped_query(folder: Path) -> None:
     """A hard query that is no longer told, nor scored."""
     plan = json.loads((folder / "run.json").read_text())
     gone = plan["protocol"]["columns"][0]["queries"].pop()
-    (folder / "run.json").write_text(json.dumps(plan))
+    (folder / "run.json").write_text(json.dumps(sealed(plan)))
     for path in (folder / "cells").glob("*.json"):
         edit(path, lambda cell: cell.update(scores=[s for s in cell["scores"] if s["query"] != gone]))
 
@@ -143,8 +149,8 @@ def other_signature(folder: Path) -> None:
     edit(folder / "run.json", change)
 
 
-def no_commit(folder: Path) -> None:
-    edit(cell_of(folder, "physical"), lambda cell: cell["provenance"].pop("git"))
+def no_start(folder: Path) -> None:
+    edit(cell_of(folder, "physical"), lambda cell: cell["provenance"].pop("started"))
 
 
 def no_packages(folder: Path) -> None:
@@ -156,12 +162,20 @@ def other_pixels(folder: Path) -> None:
 
 
 def edited_picture(folder: Path) -> None:
-    """One pixel of one picture: too little for the score to tell, enough for the pixels."""
-    path = sorted((folder / "predictions" / cell_of(folder, "physical").stem).iterdir())[0]
+    """One pixel of one picture: too little for the score to tell, enough for the pixels. Its digest is made to fit."""
+    cell = cell_of(folder, "physical")
+    path = sorted((folder / "predictions" / cell.stem).iterdir())[0]
     channels = read_exr(path)
     row, column = np.argwhere(channels["A"] > 0.5)[0]
     channels["R"][row, column] *= 1.01
     write_exr(path, {name: pixels.astype(np.float16) for name, pixels in channels.items()})
+    digest, query = hashlib.sha256(path.read_bytes()).hexdigest(), path.stem.replace("__", "/")
+    edit(cell, lambda cell: cell["predictions"].update({query: digest}))
+
+
+def flipped_bit_of_a_picture(folder: Path) -> None:
+    path = sorted((folder / "predictions" / cell_of(folder, "physical").stem).iterdir())[0]
+    path.write_bytes(path.read_bytes()[:-1] + b"!")
 
 
 def lost_picture(folder: Path) -> None:
@@ -171,7 +185,10 @@ def lost_picture(folder: Path) -> None:
 def worst_of_all(folder: Path) -> None:
     """Scores under which every method is below the floor."""
     for subject in ("s01", "s02"):
-        edit(cell_of(folder, "physical", subject), lambda cell: [s.update(value=-1.0) for s in cell["scores"]])
+        edit(
+            cell_of(folder, "physical", subject),
+            lambda cell: [s.update(values=[-1.0] * len(s["values"])) for s in cell["scores"]],
+        )
 
 
 def nothing_shared(folder: Path) -> None:
@@ -185,17 +202,17 @@ def nothing_shared(folder: Path) -> None:
         (oracle_not_perfect, "oracle perfect", "is 99.9, perfect is 100"),
         (oracle_without_value, "oracle perfect", "no reason, perfect is 100"),
         (lost_score, "coverage", "mean s01 seed 0 lacks scores"),
-        (doubled_score, "coverage", "mean s01 seed 0 has too many scores"),
-        (neither_value_nor_reason, "coverage", "needs either a value or a reason"),
+        (additional_score, "coverage", "mean s01 seed 0 has too many scores"),
         (lost_cell, "coverage", "is missing"),
         (dropped_query, "coverage", "other queries than the protocol selects"),
         (other_preset, "keys", "2 of 6 cells were computed with other code"),
         (swapped_cells, "keys", "physical s02 seed 7 is not of the run's"),
         (other_signature, "signatures", "is of another version of 'psnr'"),
-        (no_commit, "provenance", "physical s01 seed 0 does not tell its git"),
+        (no_start, "provenance", "physical s01 seed 0 does not tell its started"),
         (no_packages, "provenance", "run.json does not tell its packages"),
         (other_pixels, "timed are scored", "mean s01 seed 0 drew other pixels"),
         (edited_picture, "drawn again", "physical s01 seed 0 draws .* differently"),
+        (flipped_bit_of_a_picture, "scored again", r"\.exr is damaged: it was changed after it was written"),
         (lost_picture, "drawn again", "does not exist"),
         (worst_of_all, "mean is the floor", "no method is above Mean predictor anywhere"),
         (nothing_shared, "train and test apart", "unseen-segment scores a subject that training saw"),
@@ -210,6 +227,29 @@ def test_tampering_breaks_its_check(copy: Path, tamper: Callable[[Path], None], 
     assert holds is False and re.search(words, detail), detail
 
 
+@pytest.mark.parametrize(
+    ("tamper", "words"),
+    [
+        (lambda cell: cell["scores"].append(cell["scores"][0]), "scores holds .* twice"),
+        (lambda cell: cell["scores"][0]["values"].__setitem__(0, None), "scores.* holds 0 reasons for"),
+        (lambda cell: cell["times"].update(train_s=-1.0), "times.train_s is -1.0, not a time"),
+    ],
+)
+def test_a_cell_that_contradicts_itself_is_refused(copy: Path, tamper: Callable[[dict], None], words: str) -> None:
+    edit(cell_of(copy, "mean"), tamper)
+    with pytest.raises(Damaged, match=words):
+        gather(copy, table, None, None)
+
+
+def test_a_changed_value_is_refused_by_its_digest(copy: Path) -> None:
+    path = cell_of(copy, "mean")
+    cell = json.loads(path.read_text())
+    cell["scores"][0]["values"][0] += 1e-9
+    path.write_text(json.dumps(cell))
+    with pytest.raises(Damaged, match=rf"^{path} is damaged: digest does not fit the rest"):
+        gather(copy, table, None, None)
+
+
 def test_a_broken_check_gives_exit_code_1(copy: Path, capsys: pytest.CaptureFixture, monkeypatch) -> None:
     monkeypatch.setattr("handbench.bench.audit.CHECKS", {"oracle perfect": CHECKS["oracle perfect"]})
     oracle_not_perfect(copy)
@@ -221,7 +261,7 @@ def test_a_method_below_the_floor_is_named(copy: Path) -> None:
     def change(cell: dict) -> None:
         for score in cell["scores"]:
             if score["column"] == "environment":
-                score["value"] = 0.0
+                score["values"] = [0.0] * len(score["values"])
 
     edit(cell_of(copy, "physical"), change)
     holds, detail = verdict(copy, "mean is the floor")
@@ -317,7 +357,9 @@ def test_a_table_that_depends_on_the_order_of_shards_is_found(sound: Path) -> No
     assert CHECKS["shard order"](gather(sound, first_cell_wins, None, None))[0] is False
 
 
-@pytest.mark.parametrize("stage", injection.STAGES, ids=lambda stage: stage.name)
+@pytest.mark.parametrize(
+    "stage", [stage for stage in injection.STAGES if stage.spoils != 0], ids=lambda stage: stage.name
+)
 def test_a_table_that_hides_nan_is_found(sound: Path, stage: injection.Stage) -> None:
     """A table that fills gaps with what it has, as a mean that skips NaN does."""
 

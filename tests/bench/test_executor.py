@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from flat import flat_cells as cells
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -26,6 +27,7 @@ from handbench.bench.executor import Job
 from handbench.bench.plan import Cell, Shard, by_prior
 from handbench.bench.protocol import Protocol
 from handbench.bench.run import run
+from handbench.bench.schema import plain
 from handbench.bench.store import Store
 from handbench.cli import main
 from handbench.errors import InputError
@@ -34,15 +36,10 @@ FAKES = Path(__file__).parent / "fakes"
 PATIENCE = 240.0  # seconds, after which a process hangs: a busy machine takes a minute to start three
 
 
-def cells(folder: Path) -> list[dict]:
-    store = Store(folder)
-    return [store.cell(key) for key in store.run()["cells"]]
-
-
 def comparable(folder: Path) -> str:
     """Everything that a run tells but times, machine and command."""
-    left = ("times", "provenance", "device", "command")
-    told = {name: value for name, value in Store(folder).run().items() if name not in left}
+    left = ("times", "provenance", "device")
+    told = {name: value for name, value in plain(Store(folder).run()).items() if name not in left}
     kept = [{name: value for name, value in cell.items() if name not in left} for cell in cells(folder)]
     return json.dumps([told, kept], sort_keys=True)
 
@@ -198,7 +195,7 @@ def test_shards_make_the_run_that_one_process_makes(fakes, toy_protocol, tmp_pat
         outcomes.append(run(protocol, out=tmp_path / "parts", seeds=[0, 1], command=[*command, *parts], shard=shard))
         told.add((tmp_path / "parts" / "run.json").read_bytes())
     assert len(told) == 1, "every shard tells the whole plan, in the same words"
-    assert Store(tmp_path / "parts").run()["command"] == "handbench run toy"
+    assert Store(tmp_path / "parts").run().provenance.command == "handbench run toy"
     assert [outcome.computed for outcome in outcomes] == [4, 2, 4, 2]
     assert [len(outcome.missing) for outcome in outcomes] == [8, 6, 2, 0]
     assert outcomes[2].missing == ("toy-nan s01 seed 0", "toy-nan s02 seed 0")
@@ -329,7 +326,7 @@ def test_shards_at_the_same_time_make_the_run_that_one_process_makes(toys, toy_t
     assert here(table, tmp_path / "parts", "slow,toy")[:2] == [0, 8]
     assert here(table, tmp_path / "whole", "slow,toy")[:2] == [8, 0]
     assert comparable(tmp_path / "parts") == comparable(tmp_path / "whole")
-    assert Store(tmp_path / "parts").run()["command"] == "handbench"
+    assert Store(tmp_path / "parts").run().provenance.command == "handbench"
     assert not leftovers(tmp_path / "parts")
 
 
@@ -370,7 +367,7 @@ def test_extra_methods_are_known_to_this_run_alone(toys, toy_protocol, tmp_path)
         run(protocol, ["toy"], out=tmp_path)
     outcome = run(protocol, ["toy"], out=tmp_path / "run", extra=[METHODS["toy"]])
     assert outcome.computed == 2
-    assert Store(tmp_path / "run").run()["provenance"]["plugins"].keys() >= {"benchfakes", "clusterfakes"}
+    assert Store(tmp_path / "run").run().provenance.plugins.keys() >= {"benchfakes", "clusterfakes"}
 
 
 # --- a cluster ------------------------------------------------------------------------------------------------------
@@ -414,7 +411,7 @@ def test_a_node_with_other_software_is_told(job, monkeypatch):
     from handbench.bench import plan
 
     outcome = run(job.protocol, out=job.folder, extra=job.extra)
-    key = Store(outcome.folder).run()["cells"][0]
+    key = Store(outcome.folder).run().cells[0]
     assert cluster._task(job, "cpu", 1, None, [key]) == [key]
     cluster._site.cache_clear()
     monkeypatch.setattr(plan, "__version__", "99.0")

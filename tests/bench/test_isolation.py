@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from flat import flat_cells
 
 from handbench.bench.check import check
 from handbench.bench.isolation import isolated
@@ -35,9 +36,7 @@ def spoil(array: np.ndarray) -> None:
 
 
 def cells(folder: Path, method: str) -> list[dict]:
-    store = Store(folder)
-    found = [store.cell(key) for key in store.run()["cells"]]
-    return [cell for cell in found if cell["method"]["name"] == method]
+    return [cell for cell in flat_cells(folder) if cell["method"]["name"] == method]
 
 
 def scores(folder: Path, method: str) -> list[dict]:

@@ -5,6 +5,7 @@ import subprocess
 
 from handbench.bench.progress import steps
 from handbench.bench.provenance import git_state, provenance
+from handbench.bench.record import Git, Plugin
 
 
 def git(folder, *arguments):
@@ -21,16 +22,16 @@ def test_commit_and_dirty_flag_of_the_package_alone(tmp_path):
     git(tmp_path, "add", "package")
     git(tmp_path, "commit", "-qm", "first")
     clean = git_state(package)
-    assert len(clean["commit"]) == 40 and clean["dirty"] is False
+    assert len(clean.commit) == 40 and clean.dirty is False
     package.write_text("changed = 1\n")
-    assert git_state(package) == {"commit": clean["commit"], "dirty": True}
+    assert git_state(package) == Git(clean.commit, True)
 
 
 def test_provenance_names_packages_machine_and_command():
     found = provenance(["handbench", "run", "my protocol"])
-    assert found["command"] == "handbench run 'my protocol'"
-    assert {"numpy", "torch"} <= set(found["packages"])
-    assert found["device"]["cores"] >= 1 and found["device"]["memory_gb"] > 0
+    assert found.command == "handbench run 'my protocol'"
+    assert {"numpy", "torch"} <= set(found.packages)
+    assert found.device.cores >= 1 and found.device.memory_gb > 0
 
 
 def test_provenance_names_the_packages_of_plugins(tmp_path, monkeypatch):
@@ -38,11 +39,11 @@ def test_provenance_names_the_packages_of_plugins(tmp_path, monkeypatch):
     for words in (["init", "-q"], ["add", "."], ["commit", "-qm", "first"]):
         git(tmp_path, *words)
     monkeypatch.syspath_prepend(str(tmp_path))
-    found = provenance([], ["handbench.methods.mean:create", "plugmodule:create", "numpy.linalg:norm"])["plugins"]
+    found = provenance([], ["handbench.methods.mean:create", "plugmodule:create", "numpy.linalg:norm"]).plugins
     assert found.keys() == {"numpy", "plugmodule"}
-    assert len(found["plugmodule"]["git"]["commit"]) == 40 and found["plugmodule"]["version"] is None
-    assert found["numpy"] == {"version": importlib.metadata.version("numpy"), "git": None}
-    assert provenance([], ["handbench.methods.mean:create"])["plugins"] == {}
+    assert len(found["plugmodule"].git.commit) == 40 and found["plugmodule"].version is None
+    assert found["numpy"] == Plugin(importlib.metadata.version("numpy"), None)
+    assert provenance([], ["handbench.methods.mean:create"]).plugins == {}
 
 
 def test_plain_progress_has_loss_and_end(capsys):

@@ -6,15 +6,18 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from handbench.bench.reading import Run, mismatch, read_run
-from handbench.bench.results import NOT_COMPUTED, Answer, Results
+from handbench.bench.record import CaptureRecord
+from handbench.bench.results import Answer, Results
+from handbench.bench.values import NOT_COMPUTED, values_of
 from handbench.cli import main
-from handbench.errors import InputError
+from handbench.errors import Damaged, InputError
 
 sys.path.append(str(Path(__file__).parent / "fakes"))
 from runfakes import plain, write_run
@@ -62,9 +65,8 @@ def test_cells_methods_and_runs(folder: Path) -> None:
 
 def test_values_as_arrays(folder: Path) -> None:
     run = read_run(folder)
-    with Results([run]) as results:
-        found = results.values(run)["good", "pose"]
-        assert [cell["seed"] for cell in results.cells(run) if cell["method"] == "fair"] == [0, 0, 0, 1, 1, 1]
+    found = values_of(run)["good", "pose"]
+    assert [cell.seed for cell in run.in_order if cell.method.name == "fair"] == [0, 0, 0, 1, 1, 1]
     assert found.values.shape == (2, 2, 12) and found.subjects.tolist() == [0] * 4 + [1] * 4 + [2] * 4
     assert np.argwhere(np.isnan(found.values)).tolist() == [[0, 1, 11], [1, 1, 11]]
     assert found.values[0, 1, 5] == plain("good", "psnr", 1, 1, 1) + 1
@@ -80,17 +82,29 @@ def test_only_cells_of_the_plan_count_and_missing_ones_are_told(tmp_path: Path) 
     run = read_run(folder)
     with Results([run]) as results:
         assert results.query("SELECT count(*) FROM cells").rows == [(5,)]
-        found = results.values(run)["fair", "light"]
+        found = values_of(run)["fair", "light"]
     assert np.isfinite(found.values[0]).tolist() == [[True] * 3 + [False] * 3]
     assert found.reasons == ({NOT_COMPUTED: 3}, {NOT_COMPUTED: 3})
 
 
-@pytest.mark.parametrize("content", ["", "{", "[1]", "{}", '{"schema": 1, "key": "other"}', "\x00\xff"])
-def test_a_damaged_cell_is_left_out_alone(tmp_path: Path, content: str) -> None:
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "is no JSON"),
+        ("{", "is no JSON"),
+        ("[1]", "is no record but list"),
+        ("{}", "schema is missing"),
+        ('{"schema": 1, "key": "other"}', "scores is no list"),
+        ("\x00\xff", "is no JSON"),
+        ("[" * 100_000, "is nested too deep"),
+    ],
+)
+def test_a_damaged_cell_is_named(tmp_path: Path, content: str, message: str) -> None:
     folder = write_run(tmp_path / "run")
-    next(iter((folder / "cells").iterdir())).write_text(content, encoding="latin-1")
-    assert _ask("SELECT count(*), count(value) FROM cells JOIN scores USING (method, subject)", folder).rows
-    assert _ask("SELECT count(*) FROM cells", folder).rows == [(17,)]
+    path = next(iter((folder / "cells").iterdir()))
+    path.write_text(content, encoding="latin-1")
+    with pytest.raises(Damaged, match=rf"^{path} .*{message}; run again"):
+        _ask("SELECT 1", folder)
 
 
 @pytest.mark.parametrize("token", ["NaN", "Infinity", "-Infinity", "1e999"])
@@ -108,7 +122,7 @@ def test_a_cell_of_a_newer_version_is_told(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run")
     path = sorted((folder / "cells").iterdir())[3]
     path.write_text(json.dumps({**json.loads(path.read_text()), "schema": 9}))
-    with pytest.raises(InputError, match=rf"{path} was written by a newer version \(schema 9, we read 1\); upgrade"):
+    with pytest.raises(InputError, match=rf"{path} was written by a newer version \(schema 9, we read 2\); upgrade"):
         _ask("SELECT 1", folder)
 
 
@@ -171,10 +185,10 @@ def test_the_verb_prints_a_table_csv_and_json(folder: Path, capsys: pytest.Captu
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("{", "holds no readable run.json; give the folder"),
-        ("[]", "holds no readable run.json; give the folder"),
-        ('{"schema": 1, "protocol": {}}', "run.json lacks methods, seeds, capture, cells, provenance; it is damaged"),
-        ('{"schema": 7}', r"run.json was written by a newer version \(schema 7, we read 1\); upgrade handbench"),
+        ("{", "run.json is no JSON; run again into this folder"),
+        ("[]", "run.json is no record but list"),
+        ('{"schema": 1, "protocol": {}}', "run.json is damaged: protocol.name is missing; run again"),
+        ('{"schema": 7}', r"run.json was written by a newer version \(schema 7, we read 2\); upgrade handbench"),
     ],
 )
 @pytest.mark.parametrize("verb", ["report", "query", "gate", "compare"])
@@ -192,24 +206,24 @@ def test_a_folder_that_is_no_run_is_one_sentence(
 
 
 def _changed(run: Run, **changes: object) -> Run:
-    return Run(Path("other"), {**run.plan, **changes})
+    return Run(Path("other"), replace(run.plan, **changes))
 
 
 def test_what_cannot_share_a_table_is_named(folder: Path) -> None:
     run = read_run(folder)
-    protocol = run.plan["protocol"]
+    protocol = run.plan.protocol
     assert mismatch(run, _changed(run)) is None
-    newer = _changed(run, protocol={**protocol, "version": 2})
+    newer = _changed(run, protocol=replace(protocol, version=2))
     told = mismatch(run, newer)
     assert told == f"the protocols differ: {folder} ran toy@1 (dddddddd), other ran toy@2 (dddddddd)"
-    assert "(eeeeeeee)" in (mismatch(run, _changed(run, protocol={**protocol, "digest": "e" * 64})) or "")
-    other = _changed(run, capture={"name": "openstage", "size": "quick", "digest": "f" * 16})
+    assert "(eeeeeeee)" in (mismatch(run, _changed(run, protocol=replace(protocol, digest="e" * 64))) or "")
+    other = _changed(run, capture=CaptureRecord("openstage", "f" * 16, "quick"))
     told = mismatch(run, other)
     assert told == f"the data differ: {folder} used openstage tiny (cccccccc), other used openstage quick (ffffffff)"
-    fewer = _changed(run, protocol={**protocol, "metrics": protocol["metrics"][:1]})
+    fewer = _changed(run, protocol=replace(protocol, metrics=protocol.metrics[:1]))
     assert mismatch(run, fewer) == "the metrics differ: lpips|region:mask|v1 is in one run only"
-    cut = [{**column, "queries": column["queries"][:-1]} for column in protocol["columns"]]
-    told = mismatch(run, _changed(run, protocol={**protocol, "columns": cut}))
+    cut = tuple(replace(column, queries=column.queries[:-1]) for column in protocol.columns)
+    told = mismatch(run, _changed(run, protocol=replace(protocol, columns=cut)))
     assert told == f"the scored frames of column 'light' differ between {folder} and other"
 
 
@@ -222,7 +236,7 @@ def test_reading_results_loads_no_pandas(folder: Path, tmp_path: Path) -> None:
         "from handbench.bench.results import Results\n"
         f"run = read_run(Path({str(folder)!r}))\n"
         "with Results([run]) as results:\n"
-        "    assert results.values(run) and results.query('SELECT * FROM scores').rows\n"
+        "    assert results.query('SELECT * FROM scores').rows\n"
         "assert 'pandas' not in sys.modules\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

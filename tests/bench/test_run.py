@@ -13,7 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flat import flat_cells as cells
 
+from handbench.bench.record import CurvePoint, PublishedRecord
 from handbench.bench.run import find_protocol, run
 from handbench.bench.store import Store
 from handbench.data.exr import read_exr
@@ -22,11 +24,6 @@ from handbench.scene import Directional, Environment, Group, leaves
 from handbench.skips import note
 
 ROOT = Path(__file__).parent
-
-
-def cells(folder: Path) -> list[dict]:
-    store = Store(folder)
-    return [store.cell(key) for key in store.run()["cells"]]
 
 
 def scores(folder: Path, method: str) -> dict[tuple[str, str], dict]:
@@ -43,9 +40,9 @@ def test_a_run_scores_every_query_and_times_the_method(fakes, toy_protocol, tmp_
     outcome = run(toy_protocol(), out=tmp_path / "run", command=["handbench", "run", "toy"])
     assert (outcome.computed, outcome.reused, outcome.crashed) == (2, 0, ())
     told = Store(tmp_path / "run").run()
-    assert told["command"] == "handbench run toy"
-    assert told["protocol"]["metrics"][0]["signature"].startswith("psnr|")
-    expected = {(c["name"], q) for c in told["protocol"]["columns"] for q in c["queries"]}
+    assert told.provenance.command == "handbench run toy"
+    assert told.protocol.metrics[0].signature.startswith("psnr|")
+    expected = {(c.name, q) for c in told.protocol.columns for q in c.queries}
     assert len(expected) == 2 + 2 + 4 + 2
     found = scores(tmp_path / "run", "toy")
     assert set(found) == expected
@@ -64,7 +61,7 @@ def test_the_oracle_is_perfect_and_its_predictions_are_kept(fakes, toy_protocol,
     frames = {frame.key: frame for frame in truth.frames()}
     for cell in cells(tmp_path):
         for score in cell["scores"]:
-            kept = read_exr(tmp_path / cell["predictions"] / f"{score['query'].replace('/', '__')}.exr")
+            kept = read_exr(Store(tmp_path).picture(cell["key"], score["query"]))
             np.testing.assert_allclose(kept["G"], truth.observe(frames[score["query"]]).image[..., 1], rtol=1e-3)
 
 
@@ -84,7 +81,7 @@ def test_only_missing_cells_are_computed_and_equal_an_uninterrupted_run(fakes, t
     protocol = toy_protocol()
     run(protocol, out=tmp_path / "whole", seeds=[0, 1])
     run(protocol, out=tmp_path / "killed", seeds=[0, 1])
-    lost = Store(tmp_path / "killed").run()["cells"][1]
+    lost = Store(tmp_path / "killed").run().cells[1]
     (tmp_path / "killed" / "cells" / f"{lost}.json").write_text('{"schema": 1, "key": "')  # torn by a bad disk
     fakes.CALLS.clear()
     outcome = run(protocol, out=tmp_path / "killed", seeds=[0, 1])
@@ -228,15 +225,15 @@ def test_a_changed_title_is_told_without_computing(fakes, toy_protocol, tmp_path
     run(toy_protocol(), out=tmp_path)
     outcome = run(toy_protocol(title="Better title"), out=tmp_path)
     assert outcome.computed == 0
-    told = Store(tmp_path).run()["protocol"]
-    assert told["title"] == "Better title" and told["columns"][0]["queries"]
+    told = Store(tmp_path).run().protocol
+    assert told.title == "Better title" and told.columns[0].queries
 
 
 def test_a_subset_of_methods_plans_only_them_and_keeps_the_others(fakes, toy_protocol, tmp_path):
     run(toy_protocol(), methods=["toy", "toy-nan"], out=tmp_path)
     outcome = run(toy_protocol(), methods=["toy-nan"], out=tmp_path)
     assert (outcome.computed, outcome.reused) == (0, 2)
-    assert [m["name"] for m in Store(tmp_path).run()["methods"]] == ["toy-nan"]
+    assert [method.name for method in Store(tmp_path).run().methods] == ["toy-nan"]
     assert len(list((tmp_path / "cells").iterdir())) == 4
 
 
@@ -285,7 +282,7 @@ def test_a_second_picture_that_differs_is_told(fakes, toy_protocol, tmp_path):
 def test_losses_are_kept_with_the_prior(fakes, toy_protocol, tmp_path):
     run(toy_protocol(), out=tmp_path)
     about = Store(tmp_path).prior(cells(tmp_path)[0]["prior"])
-    assert about["curve"] == [{"step": 1, "loss": 0.5}] and about["train_s"] > 0
+    assert about.curve == (CurvePoint(1, {"loss": 0.5}),) and about.train_s > 0
 
 
 def test_times_are_what_their_names_say(fakes, toy_protocol, tmp_path, monkeypatch):
@@ -326,7 +323,7 @@ def test_a_viewpoint_is_posed_once_for_all_of_its_lights(fakes, toy_protocol, tm
     monkeypatch.setattr(fakes.ToyAvatar, "pose", pose)
     run(toy_protocol(), out=tmp_path)
     told = Store(tmp_path).run()
-    queries = {query for column in told["protocol"]["columns"] for query in column["queries"]}
+    queries = {query for column in told.protocol.columns for query in column.queries}
     viewpoints = {query.rsplit("/", 1)[0] for query in queries}
     warm_ups = sum(len(cell["times"]["new_pose_ms"]) for cell in cells(tmp_path))
     assert sum(posed.values()) == len(viewpoints) + len(queries) + warm_ups + len(cells(tmp_path))
@@ -383,7 +380,7 @@ def test_a_cell_tells_the_laws_measured_outside_the_clock_and_its_skips(fakes, t
     monkeypatch.setattr(fakes.ToyAvatar, "draw", draw)
     run(toy_protocol(methods=["oracle", "toy", "toy-square", "toy-nan"]), out=tmp_path)
     laws = {cell["method"]["name"]: cell["laws"] for cell in cells(tmp_path) if cell["subject"] == "s01"}
-    assert laws["oracle"] == {}, "the truth has no answer to other lights"
+    assert laws["oracle"]["pairs"] == 0, "the truth has no answer to other lights"
     assert laws["toy"]["pairs"] == 2 and max(laws["toy"][name] for name in ("additivity", "linearity")) < 1e-6
     assert laws["toy-square"]["linearity"] > 0.1
     for cell in cells(tmp_path):
@@ -399,9 +396,10 @@ def test_published_numbers_reach_the_run_without_computing_anything(fakes, toy_p
     fakes.CALLS.clear()
     outcome = run(toy_protocol(**changes), out=tmp_path)
     assert (outcome.computed, outcome.reused) == (0, 2) and set(fakes.CALLS) == {"open", "toy create"}
-    told = Store(tmp_path).run()["protocol"]
-    assert told["published"] == [{**row, "marker": "", "values": {"env": [None, 0.9]}}], "in the order of the metrics"
-    assert told["published_note"] == "No window is told."
+    told = Store(tmp_path).run().protocol
+    in_order = PublishedRecord("absent", "Absent", "A paper", {"env": (None, 0.9)})
+    assert told.published == (in_order,), "in the order of the metrics"
+    assert told.published_note == "No window is told."
     before = (tmp_path / "run.json").stat().st_mtime_ns
     run(toy_protocol(**changes), out=tmp_path)
     assert (tmp_path / "run.json").stat().st_mtime_ns == before

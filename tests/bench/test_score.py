@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flat import flat_cells
 
 import handbench.methods
 from handbench.bench.protocol import resolve
@@ -76,9 +77,8 @@ def problems(protocol, folder, tmp_path) -> Callable[..., list[str]]:
 
 def rows(out: Path) -> dict[str, list[dict]]:
     """The scores of a run by method."""
-    cells = [json.loads(path.read_text()) for path in (out / "cells").glob("*.json")]
     found: dict[str, list[dict]] = {}
-    for cell in cells:
+    for cell in flat_cells(out):
         found.setdefault(cell["method"]["name"], []).extend(cell["scores"])
     return found
 

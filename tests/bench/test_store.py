@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handbench.bench.record import SCHEMA, CellRecord, MethodRecord, ScoredFrame, Times
 from handbench.bench.run import run
-from handbench.bench.store import SCHEMA, Store
+from handbench.bench.store import Store
 from handbench.errors import InputError, StorageError
 from handbench.scene import Prediction
 
@@ -22,10 +23,15 @@ def leftovers(folder: Path) -> list[Path]:
     return [path for path in folder.rglob("*") if path.name.endswith((".tmp", ".part"))]
 
 
+def cell(key: str = "good", value: float | None = 30.0) -> CellRecord:
+    frame = ScoredFrame("column", "s01/pose/cam/olat-00", "olat", (value,), () if value is not None else ("failed",))
+    return CellRecord(key, MethodRecord("m", "M"), "s01", 0, ("psnr|v1",), (frame,), Times())
+
+
 def test_damaged_and_foreign_cells_are_absent(tmp_path):
     store = Store(tmp_path)
-    store.write_cell({"schema": SCHEMA, "key": "good", "error": None})
-    assert store.cell("good")["key"] == "good"
+    store.write_cell(cell())
+    assert store.cell("good") == cell()
     cells = tmp_path / "cells"
     (cells / "torn.json").write_text((cells / "good.json").read_text()[:20])
     (cells / "copied.json").write_text((cells / "good.json").read_text())
@@ -34,14 +40,15 @@ def test_damaged_and_foreign_cells_are_absent(tmp_path):
 
 
 def test_a_newer_schema_is_named(tmp_path):
-    Store(tmp_path).write_cell({"schema": SCHEMA + 1, "key": "k"})
+    (tmp_path / "cells").mkdir()
+    (tmp_path / "cells" / "k.json").write_text(json.dumps({"schema": SCHEMA + 1, "key": "k"}))
     with pytest.raises(InputError, match=r"k\.json was written by a newer version .*upgrade"):
         Store(tmp_path).cell("k")
 
 
 def test_non_finite_numbers_never_reach_the_disk(tmp_path):
     with pytest.raises(ValueError):
-        Store(tmp_path).write_cell({"schema": SCHEMA, "key": "k", "value": float("nan")})
+        Store(tmp_path).write_cell(cell("k", float("nan")))
     assert not leftovers(tmp_path) and Store(tmp_path).cell("k") is None
 
 
@@ -96,13 +103,13 @@ def test_what_a_killed_process_left_is_removed_and_a_living_ones_is_not(tmp_path
         "root = pathlib.Path(sys.argv[1])\n"
         "(root / 'cells').mkdir(); (root / 'priors').mkdir()\n"
         "_part(root / 'cells' / 'a.json').write_text('{')\n"
-        "with Store(root).writing_prior('p', {}) as folder:\n"
-        "    (folder / 'weights').write_text('half')\n"
+        "with Store(root).writing_prior('p', 'm', 0, {}) as new:\n"
+        "    (new.state / 'weights').write_text('half')\n"
         "    os._exit(9)\n"
     )
     assert subprocess.run([sys.executable, "-c", script, tmp_path], check=False).returncode == 9
     assert len(leftovers(tmp_path)) == 2
-    with Store(tmp_path).writing_prior("q", {}):
+    with Store(tmp_path).writing_prior("q", "m", 0, {}):
         Store(tmp_path).prepare()
         assert len(leftovers(tmp_path)) == 1, "ours, still being written"
     assert not leftovers(tmp_path)
@@ -111,13 +118,13 @@ def test_what_a_killed_process_left_is_removed_and_a_living_ones_is_not(tmp_path
 
 def test_a_prior_is_whole_or_absent(tmp_path):
     store = Store(tmp_path)
-    with pytest.raises(RuntimeError), store.writing_prior("key", {}) as folder:
-        (folder / "weights").write_text("half")
+    with pytest.raises(RuntimeError), store.writing_prior("key", "m", 0, {}) as new:
+        (new.state / "weights").write_text("half")
         raise RuntimeError
     assert store.prior("key") is None and not leftovers(tmp_path)
     for text in ("first", "second"):  # the second process finds the place taken
-        with store.writing_prior("key", {"train_s": 1.0}) as folder:
-            (folder / "weights").write_text(text)
+        with store.writing_prior("key", "m", 0, {}) as new:
+            (new.state / "weights").write_text(text)
     assert (store.prior_state("key") / "weights").read_text() == "first"
     assert not leftovers(tmp_path)
 
@@ -126,8 +133,8 @@ def test_predictions_beyond_half_floats_are_clipped(tmp_path):
     from handbench.data.exr import read_exr
 
     image = np.full((2, 3, 3), 1e6, np.float32)
-    folder = Store(tmp_path).write_prediction("key", "s01/pose/cam/olat-00", Prediction(image, np.ones((2, 3))))
-    kept = read_exr(tmp_path / folder / "s01__pose__cam__olat-00.exr")
+    Store(tmp_path).write_prediction("key", "s01/pose/cam/olat-00", Prediction(image, np.ones((2, 3))))
+    kept = read_exr(tmp_path / "predictions" / "key" / "s01__pose__cam__olat-00.exr")
     assert (kept["R"] == 65504).all() and (kept["A"] == 1).all()
 
 

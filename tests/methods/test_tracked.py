@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from flat import flat_cells
 
 from handbench.bench.protocol import Selected, resolve
 from handbench.bench.run import find_protocol, run
-from handbench.bench.store import Store
 from handbench.data.capture import Capture
 from handbench.errors import InputError, NonFinite, Unsupported
 from handbench.hand.model import OpenHand
@@ -221,10 +221,8 @@ def test_the_protocol_compares_both_meshes(tmp_path: Path) -> None:
     assert {"physical", "physical-tracked"} <= set(find_protocol("tracked").methods)
     outcome = run(find_protocol("smoke"), methods=["physical", "physical-tracked"], out=tmp_path)
     assert (outcome.computed, outcome.crashed) == (4, ())
-    store = Store(tmp_path)
-    cells = [store.cell(key) for key in store.run()["cells"]]
     found: dict[str, list[float]] = {}
-    for cell in cells:
+    for cell in flat_cells(tmp_path):
         values = [s["value"] for s in cell["scores"] if s["metric"].startswith("psnr")]
         found.setdefault(cell["method"]["name"], []).extend(values)
         assert cell["same_pixels"] is True and cell["method"]["linear"]

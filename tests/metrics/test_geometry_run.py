@@ -6,10 +6,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from flat import flat_cells
 
 from handbench.bench.protocol import Protocol
 from handbench.bench.run import find_protocol, run
-from handbench.bench.store import Store
 from handbench.metrics import from_signature, metric
 
 ROOT = Path(__file__).parents[2]
@@ -34,9 +34,8 @@ def scores(protocol: Protocol, tmp_path_factory: pytest.TempPathFactory) -> dict
     folder = tmp_path_factory.mktemp("run")
     outcome = run(protocol, methods=["oracle", "mean", "physical"], out=folder)
     assert not outcome.crashed
-    store, found = Store(folder), {}
-    for key in store.run()["cells"]:
-        cell = store.cell(key)
+    found: dict[tuple[str, str], list[dict]] = {}
+    for cell in flat_cells(folder):
         for score in cell["scores"]:
             name = from_signature(score["metric"]).name
             found.setdefault((cell["method"]["name"], name), []).append(score)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flat import flat_cells
 
 from handbench.bench.check import check_method
 from handbench.bench.failure import failure
@@ -294,8 +294,7 @@ def test_a_run_goes_on_without_them(python, toy_protocol, tmp_path):
     outcome = run(toy_protocol, names, out=tmp_path, extra=entries)
     assert outcome.computed == 8 and len(outcome.crashed) == 6
     cells = {}
-    for path in (tmp_path / "cells").glob("*.json"):
-        cell = json.loads(path.read_text())
+    for cell in flat_cells(tmp_path):
         cells[cell["method"]["name"], cell["subject"]] = {score["reason"] for score in cell["scores"]}
     assert cells["remote-good", "s01"] == cells["remote-good", "s02"] == {None}
     for subject in ("s01", "s02"):

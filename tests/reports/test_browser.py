@@ -190,8 +190,8 @@ def test_choosing_a_method_changes_its_side_its_score_and_what_is_said(opened: O
     after = opened.pictures()
     assert after[0] == before[0] and after[1] != before[1]
     values = {name: page.input_value(f'select[name="{name}"]') for name in ("subject", "pose", "camera", "light")}
-    scores = [s for cell in read_run(run).of_method("phong") for s in cell["scores"]]
-    told = [score["value"] for score in scores if score["query"] == "/".join(values.values())]
+    frames = [frame for cell in read_run(run).of_method("phong") for frame in cell.scores]
+    told = next(frame.values for frame in frames if frame.query == "/".join(values.values()))
     shown = page.locator(".scores td.right").all_inner_texts()
     assert shown == [f"{told[0]:.2f} dB", f"{told[1]:.3f}", f"{told[2]:.3f}"]
     assert page.inner_text(".said") == f"Left: Truth; right: Phong, PSNR {shown[0]}."

@@ -23,7 +23,8 @@ def _train(run: Path, method: str, told: list[dict], name: str = "p0", seed: int
     """Give the cells of a method's seed a prior with this curve."""
     folder = run / "priors" / name
     folder.mkdir(parents=True)
-    (folder / "train.json").write_text(json.dumps({"schema": 1, "curve": told}))
+    about = {"schema": 1, "method": method, "seed": seed, "train_s": 1.0, "curve": told}
+    (folder / "train.json").write_text(json.dumps(about))
     for path in (run / "cells").glob("*.json"):
         cell = json.loads(path.read_text())
         if (cell["method"]["name"], cell["seed"]) == (method, seed):

@@ -122,10 +122,10 @@ def test_images_are_the_frames_of_median_score(whole_run: Path) -> None:
     assert {query.split("/")[0] for _, query in found} == {"s01", "s03"}
     scores = {}
     for cell in run.cells:
-        if cell["subject"] == "s03" and not cell["method"]["truth"]:
-            for score in cell["scores"]:
-                if score["metric"].startswith("psnr") and score["kind"] == "group":
-                    scores.setdefault(score["query"], []).append(score["value"])
+        if cell.subject == "s03" and not cell.method.truth:
+            for frame, signature, value, _ in cell.each():
+                if signature.startswith("psnr") and frame.kind == "group":
+                    scores.setdefault(frame.query, []).append(value)
     means = {query: np.mean(values) for query, values in scores.items()}
     assert found[3][1] == sorted(means, key=lambda query: means[query])[len(means) // 2]
 
@@ -229,8 +229,8 @@ def test_without_an_oracle_the_page_says_why_it_has_no_images(small_run: Path) -
 
 
 def test_a_lost_picture_is_told_in_its_place(small_run: Path, page_of: Callable[[Path], str]) -> None:
-    lost = next(cell for cell in read_run(small_run).cells if cell["method"]["name"] == "urhand")
-    shutil.rmtree(small_run / lost["predictions"])
+    lost = next(cell for cell in read_run(small_run).cells if cell.method.name == "urhand")
+    shutil.rmtree(small_run / "predictions" / lost.key)
     assert "does not exist" in page_of(small_run)
 
 

@@ -38,7 +38,7 @@ def _pixels(picture: str) -> np.ndarray:
 
 def test_every_scored_frame_is_there_once(whole_run: Path, shown: Viewer) -> None:
     plan = read_run(whole_run).plan
-    queries = [query for column in plan["protocol"]["columns"] for query in column["queries"]]
+    queries = [query for column in plan.protocol.columns for query in column.queries]
     found = ["/".join(frame[key] for key in ("subject", "pose", "camera", "light")) for frame in shown.data["frames"]]
     assert found == queries and shown.shown == shown.scored == len(queries)
     assert shown.data["titles"] == ["Truth", "Mean", "Phong", "Physical_BRDF & fit", "URHand"], (
@@ -73,21 +73,21 @@ def test_scores_are_those_of_the_cells_and_a_gap_says_why(whole_run: Path, shown
     late = shown.data["frames"][-1]
     assert late["subject"] == "s03" and late["reasons"][2] == "not computed", "phong has no cell of the last subject"
     query = "s01/fist/dorsal/olat-03"
-    told = [s["value"] for cell in run.of_method("urhand") for s in cell["scores"] if s["query"] == query]
+    (told,) = (f.values for cell in run.of_method("urhand") for f in cell.scores if f.query == query)
     assert gap["scores"][4] == [f"{told[0]:.2f}", f"{told[1]:.3f}", f"{told[2]:.3f}"]
     assert gap["scores"][0] is None and gap["columns"] == ["unseen-light"]
 
 
 def test_a_lost_picture_is_told(small_run: Path) -> None:
     lost = read_run(small_run).of_method("urhand")[0]
-    shutil.rmtree(small_run / lost["predictions"])
-    frame = next(f for f in _viewer(small_run).data["frames"] if f["subject"] == lost["subject"])
+    shutil.rmtree(small_run / "predictions" / lost.key)
+    frame = next(f for f in _viewer(small_run).data["frames"] if f["subject"] == lost.subject)
     assert frame["pictures"][1] is None and "does not exist" in frame["reasons"][1]
     assert frame["scores"][1][0] != "–", "the score was computed all the same"
 
 
 def test_frames_whose_truth_is_lost_are_left_out_and_counted(small_run: Path, page_of: Callable[[Path], str]) -> None:
-    shutil.rmtree(small_run / read_run(small_run).of_method("oracle")[0]["predictions"])
+    shutil.rmtree(small_run / "predictions" / read_run(small_run).of_method("oracle")[0].key)
     found = _viewer(small_run)
     assert (found.shown, found.chosen) == (48, 72) and {f["subject"] for f in found.data["frames"]} == {"s02", "s03"}
     page = page_of(small_run)

@@ -5,31 +5,28 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ..reading import role_of
 from .evidence import Evidence
-from .records import named, told
+from .records import told
 
 _EXACT = 1e-9  # of a perfect value: metrics of equal pictures have no rounding to speak of
 
 
 def oracle(evidence: Evidence) -> tuple[bool | None, str]:
     """Every score of a method that is given the truth is the metric's perfect value."""
-    truths = {info["name"] for info in evidence.plan["methods"] if info["truth"]}
+    truths = {method.name for method in evidence.plan.methods if method.truth}
     if not truths:
         return None, "the run has no oracle; run it with the method oracle as well"
     trouble, count, without = [], 0, set()
     for cell in evidence.cells:
-        if cell["method"]["name"] not in truths:
+        if cell.method.name not in truths:
             continue
-        for score in cell["scores"]:
-            metric, value = evidence.metrics[score["metric"]], score["value"]
+        for frame, signature, value, reason in cell.each():
+            metric = evidence.metrics[signature]
             if metric.perfect is None:
                 without.add(metric.title)
             elif value is None or not math.isclose(value, metric.perfect, rel_tol=_EXACT, abs_tol=_EXACT):
-                got = score["reason"] if value is None else f"{value:g}"
-                trouble.append(
-                    f"{named(cell)}: {metric.title} of {score['query']} is {got}, perfect is {metric.perfect:g}"
-                )
+                got = reason if value is None else f"{value:g}"
+                trouble.append(f"{cell.label}: {metric.title} of {frame.query} is {got}, perfect is {metric.perfect:g}")
             else:
                 count += 1
     note = f"; without a perfect value: {', '.join(sorted(without))}" if without else ""
@@ -38,7 +35,7 @@ def oracle(evidence: Evidence) -> tuple[bool | None, str]:
 
 def floor(evidence: Evidence) -> tuple[bool | None, str]:
     """The floor covers every query, some method is above it, and every method that is below it somewhere is named."""
-    floors = {info["name"] for info in evidence.plan["methods"] if not info["truth"] and role_of(info) == "calibration"}
+    floors = {method.name for method in evidence.plan.methods if method.calibration and not method.truth}
     rows = [row for row in evidence.table.rows if row.kind != "published"]
     lowest = next((row for row in rows if row.name in floors), None)
     methods = [row for row in rows if row.kind == "method"]

@@ -11,7 +11,6 @@ from types import ModuleType
 from typing import Any, TypeAlias
 
 from ...data.capture import Capture, open_capture
-from ...data.exr import read_exr, stack
 from ...errors import InputError
 from ...registry import METHODS, METRICS
 from ...scene import Frame, Prediction
@@ -20,6 +19,8 @@ from ..plan import Plan, make_plan
 from ..priors import Priors
 from ..progress import steps
 from ..protocol import Protocol, Selected, resolve
+from ..reading import read_run
+from ..record import CellRecord, MethodRecord, RunRecord
 from ..run import find_protocol
 from ..store import Store
 
@@ -31,8 +32,8 @@ class Evidence:
     """A run as it lies on disk (`plan` is run.json, `cells` those of the plan that are there), and what it names."""
 
     store: Store
-    plan: dict[str, Any]
-    cells: tuple[dict[str, Any], ...]
+    plan: RunRecord
+    cells: tuple[CellRecord, ...]
     protocol: Protocol
     capture: Capture
     tables: Tables
@@ -50,17 +51,15 @@ class Evidence:
     @cached_property
     def foreign(self) -> set[str]:
         """Methods that are not registered here: prediction folders, and plug-ins that are not installed."""
-        return {info["name"] for info in self.plan["methods"]} - set(METHODS.entries())
+        return {method.name for method in self.plan.methods} - set(METHODS.entries())
 
     @cached_property
     def planned(self) -> dict[str, Plan]:
         """What this version of handbench would plan, by method: the same protocol, capture, preset and seeds."""
         return {
-            info["name"]: make_plan(
-                self.protocol, self.capture.digest, [info["name"]], self.plan["seeds"], info["preset"]
-            )
-            for info in self.plan["methods"]
-            if info["name"] not in self.foreign
+            each.name: make_plan(self.protocol, self.capture.digest, [each.name], self.plan.seeds, each.preset)
+            for each in self.plan.methods
+            if each.name not in self.foreign
         }
 
     @cached_property
@@ -70,7 +69,7 @@ class Evidence:
     @cached_property
     def metrics(self) -> dict[str, Any]:
         """The run's metrics by signature, made from the signature alone. Raises `InputError` for an unknown one."""
-        named = [metric["signature"] for metric in self.plan["protocol"]["metrics"]]
+        named = [metric.signature for metric in self.plan.protocol.metrics]
         return {signature: self.metrics_module.from_signature(signature) for signature in named}
 
     @cached_property
@@ -84,14 +83,12 @@ class Evidence:
     def table(self) -> Any:
         return self.tables(self.store.folder)
 
-    def info(self, method: str) -> dict[str, Any]:
-        return next(info for info in self.plan["methods"] if info["name"] == method)
+    def info(self, method: str) -> MethodRecord:
+        return self.plan.method(method)
 
-    def kept(self, cell: dict[str, Any], query: str) -> Prediction:
+    def kept(self, cell: CellRecord, query: str) -> Prediction:
         """The picture that a cell kept of a query, in half floats. Raises `InputError` if it is missing or damaged."""
-        path = self.store.folder / cell["predictions"] / f"{query.replace('/', '__')}.exr"
-        channels = read_exr(path)
-        return Prediction(stack(channels, ("R", "G", "B"), path), stack(channels, ("A",), path)[..., 0])
+        return self.store.read_prediction(cell, query)
 
     def pair(self, frame: Frame, picture: Prediction) -> Any:
         """A picture and the truth of its frame, for metrics."""
@@ -102,35 +99,29 @@ Check: TypeAlias = Callable[[Evidence], tuple[bool | None, str]]
 """Whether what is claimed holds (None: it cannot be told here), and what was found."""
 
 
-def scored_queries(cell: dict[str, Any]) -> list[str]:
+def scored_queries(cell: CellRecord) -> list[str]:
     """The queries of a cell that have a value, so a kept picture, in the order of their keys."""
-    return sorted({score["query"] for score in cell["scores"] if score["value"] is not None})
+    return sorted({frame.query for frame in cell.scores if any(value is not None for value in frame.values)})
 
 
 def gather(folder: Path, tables: Tables, protocol: str | None, data: Path | None) -> Evidence:
     """The evidence of a run; see `audit` for what is raised."""
-    store = Store(folder)
-    plan = store.run()
-    if plan is None:
-        raise InputError(f"{folder} holds no readable run.json; give the folder that 'handbench run' printed")
-    told = plan["protocol"]
+    run = read_run(folder)
+    told, data_of_run = run.plan.protocol, run.plan.capture
     try:
-        found = find_protocol(protocol or told["name"])
+        found = find_protocol(protocol or told.name)
     except InputError as error:
+        raise InputError(f"{error}; the run is of {told.label}, give its file with --protocol") from error
+    if found.digest != told.digest:
         raise InputError(
-            f"{error}; the run is of {told['name']}@{told['version']}, give its file with --protocol"
-        ) from error
-    if found.digest != told["digest"]:
-        raise InputError(
-            f"protocol {found.label} is not the one that {folder} was run with ({told['name']}@{told['version']}); "
+            f"protocol {found.label} is not the one that {folder} was run with ({told.label}); "
             "give the run's own file with --protocol"
         )
     with steps() as progress:
         capture = open_capture(found.capture, found.size, data, progress)
-    if capture.digest != plan["capture"]["digest"]:
+    if capture.digest != data_of_run.digest:
         raise InputError(
-            f"capture {capture.name} has digest {capture.digest}, {folder} was run on {plan['capture']['digest']}; "
+            f"capture {capture.name} has digest {capture.digest}, {folder} was run on {data_of_run.digest}; "
             "name the folder of the run's own capture with --data"
         )
-    cells = (store.cell(key) for key in plan["cells"])
-    return Evidence(store, plan, tuple(cell for cell in cells if cell is not None), found, capture, tables)
+    return Evidence(run.store, run.plan, run.cells, found, capture, tables)

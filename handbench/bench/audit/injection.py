@@ -9,17 +9,22 @@ from __future__ import annotations
 import json
 import math
 import tempfile
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...errors import Damaged
 from ...method import Avatar, Method, MethodInfo, Prior, Progress, RecordedAvatar, Recording, silent
 from ...scene import KNOWN_LIGHTS, Frame, Prediction, Query
 from ..cell import Bench, compute
+from ..describe import method_record, with_measured
 from ..plan import Cell
 from ..priors import Priors
+from ..record import CellRecord
+from ..recordfile import sealed
+from ..schema import plain
 from ..store import Store
 from .evidence import Evidence
 
@@ -30,7 +35,7 @@ _SOUND = "audit-sound"
 
 @dataclass(frozen=True)
 class Stage:
-    """Where NaN is put in, and how many of the queries' values it spoils (None: all)."""
+    """Where NaN is put in, and how many of the queries' values it spoils (None: all; 0: the file is refused)."""
 
     name: str
     spoils: int | None
@@ -38,7 +43,12 @@ class Stage:
     def check(self, evidence: Evidence) -> tuple[bool | None, str]:
         """The fault shows, and the sound method's values do not suffer."""
         with tempfile.TemporaryDirectory() as place:
-            table = _run(evidence, self, Path(place))
+            try:
+                table = _run(evidence, self, Path(place))
+            except Damaged as error:
+                return self.spoils == 0, f"refused: {str(error).replace(place, '')}"
+        if self.spoils == 0:
+            return False, "a cell that holds NaN is read"
         sound, faulty = (next(row for row in table.rows if row.name == name) for name in (_SOUND, _named(self)))
         if self.name in _ONE_METRIC and not sound.cells[0].covered:
             return None, f"{table.columns[0].metric.title} needs more than a grey picture"
@@ -70,9 +80,9 @@ STAGES = (
     Stage("personalising", None),
     Stage("a prediction", 1),
     Stage("a metric", None),
-    Stage("a stored value", 1),
+    Stage("a stored value", 0),
 )
-_ONE_METRIC = ("a metric", "a stored value")
+_ONE_METRIC = ("a metric",)
 
 
 def _named(stage: Stage) -> str:
@@ -87,29 +97,29 @@ def _run(evidence: Evidence, stage: Stage, folder: Path) -> Any:
     bench = replace(evidence.bench, selected=selected, store=store, priors=Priors(store))
     template = _template(evidence, frames[0].subject)
     methods = {_SOUND: _Grey(_SOUND, "", ""), _named(stage): _Grey(_named(stage), stage.name, frames[0].key)}
-    cells = []
+    cells: list[Cell] = []
     for name, method in methods.items():
         key = name.replace(" ", "-")
         planned = Cell(key, key, name, "quick", frames[0].subject, 0)
         faulty = stage.name == "a metric" and name != _SOUND
         found = compute(replace(bench, metrics=_broken(bench)) if faulty else bench, planned, method, lambda _: silent)
-        about = {**template["method"], **method.about()}
-        store.write_cell({**template, **found, "key": key, "prior": key, "seed": 0, "method": about})
-        cells.append(key)
-    if stage.name == "a stored value":
-        _spoil(folder / "cells" / f"{cells[1]}.json")
-    protocol = evidence.plan["protocol"]
-    kept = next(each for each in protocol["columns"] if each["name"] == column)
-    store.write_run(
-        {
-            **evidence.plan,
-            "protocol": {**protocol, "published": [], "columns": [{**kept, "queries": [f.key for f in frames]}]},
-            "methods": [{**template["method"], **method.about()} for method in methods.values()],
-            "seeds": [0],
-            "subjects": [frames[0].subject],
-            "cells": cells,
-        }
+        about = {"key": key, "prior": key, "seed": 0, "method": plain(method_record(planned, method))}
+        store.write_cell(with_measured({**template, **about}, found))
+        cells.append(planned)
+    if stage.spoils == 0:
+        _spoil(folder / "cells" / f"{cells[1].key}.json")
+    protocol = evidence.plan.protocol
+    kept = next(each for each in protocol.columns if each.name == column)
+    kept = replace(kept, queries=tuple(frame.key for frame in frames))
+    plan = replace(
+        evidence.plan,
+        protocol=replace(protocol, published=(), columns=(kept,)),
+        methods=tuple(method_record(cell, methods[cell.method]) for cell in cells),
+        seeds=(0,),
+        subjects=(frames[0].subject,),
+        cells=tuple(cell.key for cell in cells),
     )
+    store.write_run(plan)
     return evidence.tables(folder)
 
 
@@ -124,10 +134,9 @@ def _few(evidence: Evidence) -> tuple[list[Frame], str]:
 
 
 def _template(evidence: Evidence, subject: str) -> dict[str, Any]:
-    """A cell of the run, whose records the audit's own cells take over."""
-    return next((cell for cell in evidence.cells if cell["subject"] == subject), evidence.cells[0]) | {
-        "subject": subject
-    }
+    """A cell of the run, whose records the audit's own cells take over, as JSON values."""
+    cell: CellRecord = next((cell for cell in evidence.cells if cell.subject == subject), evidence.cells[0])
+    return plain(replace(cell, subject=subject, predictions={}))
 
 
 def _broken(bench: Bench) -> dict[str, Any]:
@@ -141,8 +150,8 @@ def _broken(bench: Bench) -> dict[str, Any]:
 def _spoil(path: Path) -> None:
     """Write NaN in the place of the first value of a stored cell, as a careless writer would."""
     cell = json.loads(path.read_text(encoding="utf-8"))
-    cell["scores"][0]["value"] = math.nan
-    path.write_text(json.dumps(cell), encoding="utf-8")
+    cell["scores"][0]["values"][0] = math.nan
+    path.write_text(json.dumps(sealed(cell)), encoding="utf-8")
 
 
 class _Avatar(RecordedAvatar):
@@ -175,10 +184,6 @@ class _Grey(Method):
         lights = KNOWN_LIGHTS
         self.info = MethodInfo(name, name, "a grey picture", universal=True, lights=lights)
         self._fault, self._spoiled = fault, spoiled
-
-    def about(self) -> dict[str, Any]:
-        """What run.json and cells tell of a method, as far as it is not its template's."""
-        return {**asdict(self.info), "lights": sorted(self.info.lights), "preset": "quick", "config": self.config}
 
     @property
     def config(self) -> dict[str, Any]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,13 +14,14 @@ from .evidence import Evidence, scored_queries
 from .records import told
 
 _PAIRS = 12  # pictures that are scored in several orders
+_Item = TypeVar("_Item")
 _EQUAL = 1e-5  # what a score may change by if pictures are scored in batches
 
 
 def images(evidence: Evidence) -> tuple[bool | None, str]:
     """Scores of pictures are the same one by one, all at once, and shuffled in parts."""
     rng = np.random.default_rng(31)
-    kept = [(cell, key) for cell in evidence.cells if cell["predictions"] for key in scored_queries(cell)]
+    kept = [(cell, key) for cell in evidence.cells if cell.predictions for key in scored_queries(cell)]
     chosen = [kept[i] for i in rng.permutation(len(kept))[:_PAIRS]]
     if len(chosen) < 2:
         return None, "there are no two kept pictures"
@@ -50,9 +52,9 @@ def shards(evidence: Evidence) -> tuple[bool, str]:
     rng = np.random.default_rng(37)
     with tempfile.TemporaryDirectory() as place:
         shuffled = Store(Path(place))
-        shuffled.write_run({**evidence.plan, "cells": _shuffled(evidence.plan["cells"], rng)})
+        shuffled.write_run(replace(evidence.plan, cells=_shuffled(evidence.plan.cells, rng)))
         for cell in _shuffled(evidence.cells, rng):
-            shuffled.write_cell({**cell, "scores": _shuffled(cell["scores"], rng)})
+            shuffled.write_cell(replace(cell, scores=_shuffled(cell.scores, rng)))
         other = evidence.tables(shuffled.folder)
     if other == evidence.table:
         return True, f"{len(evidence.cells)} cells and their scores shuffled give the same table"
@@ -60,5 +62,5 @@ def shards(evidence: Evidence) -> tuple[bool, str]:
     return False, f"shuffled cells give another table, e.g. for {rows[0] if rows else 'its remarks'}"
 
 
-def _shuffled(items: Any, rng: np.random.Generator) -> list[Any]:
-    return [items[i] for i in rng.permutation(len(items))]
+def _shuffled(items: tuple[_Item, ...], rng: np.random.Generator) -> tuple[_Item, ...]:
+    return tuple(items[i] for i in rng.permutation(len(items)))

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from ...device import device_name
 from ...registry import METHODS
 from ...scene import Array, Prediction
+from ..record import CellRecord
 from .evidence import Evidence, scored_queries
-from .records import named, told
+from .records import told
 
 HALF = 2.0**-11
 """Half a unit in the last place of a half float, relative; below 2**-14 it is 2**-25."""
@@ -29,8 +30,8 @@ _Item = TypeVar("_Item")
 
 def timed(evidence: Evidence) -> tuple[bool | None, str]:
     """In each cell the pictures drawn for the clock were those that were scored, as the run itself compared them."""
-    different = [named(cell) for cell in evidence.cells if cell["same_pixels"] is False]
-    compared = sum(cell["same_pixels"] is not None for cell in evidence.cells)
+    different = [cell.label for cell in evidence.cells if cell.same_pixels is False]
+    compared = sum(cell.same_pixels is not None for cell in evidence.cells)
     if different:
         return told([f"{cell} drew other pixels when timed again" for cell in different], "")
     if not compared:
@@ -43,17 +44,17 @@ def redrawn(evidence: Evidence) -> tuple[bool | None, str]:
     trouble, left_out, worst, count = [], [], 0.0, 0
     for cell in evidence.cells:
         if why := _not_done_again(evidence, cell):
-            left_out.append(f"{cell['method']['name']} ({why})")
+            left_out.append(f"{cell.method.name} ({why})")
             continue
-        method = METHODS.load(cell["method"]["name"])(preset=cell["method"]["preset"])
-        prior = method.load(evidence.store.prior_state(cell["prior"]))
-        avatar = prior.personalise(evidence.bench.enrolment(cell["subject"], method), cell["seed"])
+        method = METHODS.load(cell.method.name)(preset=cell.method.preset)
+        prior = method.load(evidence.store.sound_state(cell.prior or ""))
+        avatar = prior.personalise(evidence.bench.enrolment(cell.subject, method), cell.seed)
         for key in _spread(scored_queries(cell), _REDRAWN):
             kept, count = evidence.kept(cell, key), count + 1
             apart = _beyond_half(avatar.relight(evidence.frames[key].query), kept)
             worst = max(worst, apart)
             if apart > 1.0:
-                trouble.append(f"{named(cell)} draws {key} differently ({apart:.1f} times what rounding explains)")
+                trouble.append(f"{cell.label} draws {key} differently ({apart:.1f} times what rounding explains)")
     note = f"; left out: {', '.join(dict.fromkeys(left_out))}" if left_out else ""
     if trouble:
         return told(trouble, "")
@@ -62,18 +63,18 @@ def redrawn(evidence: Evidence) -> tuple[bool | None, str]:
     return True, f"{count} pictures, at most {worst:.2f} of what half floats and {_SAME:.0e} of the peak explain{note}"
 
 
-def _not_done_again(evidence: Evidence, cell: dict[str, Any]) -> str:
+def _not_done_again(evidence: Evidence, cell: CellRecord) -> str:
     """Why a cell is not drawn again, or ""."""
-    if cell["method"]["name"] in evidence.foreign:
+    if cell.method.name in evidence.foreign:
         return "not registered here"
     if not scored_queries(cell):
         return "no pictures"
-    if evidence.store.prior(cell["prior"]) is None:
+    if cell.prior is None or evidence.store.read_prior(cell.prior) is None:
         return "its training is not kept"
-    if cell["times"]["personalise_s"] > _PATIENCE:
-        return f"personalises for {cell['times']['personalise_s']:.0f} s"
-    if cell["device"]["networks"] != device_name():
-        return f"drawn on {cell['device']['networks']}"
+    if (cell.times.personalise_s or 0.0) > _PATIENCE:
+        return f"personalises for {cell.times.personalise_s:.0f} s"
+    if cell.device is None or cell.device.networks != device_name():
+        return f"drawn on {cell.device.networks if cell.device else 'an unknown device'}"
     return ""
 
 
@@ -110,10 +111,10 @@ def rescored(evidence: Evidence) -> tuple[bool | None, str]:
     """
     trouble, skipped, worst, count = [], set(), 0.0, 0
     for number, cell in enumerate(evidence.cells):
-        if cell["method"]["truth"] or not cell["predictions"]:
+        if cell.method.truth or not cell.predictions:
             continue
         rng = np.random.default_rng([29, number])
-        stored = {(score["query"], score["metric"]): score["value"] for score in cell["scores"]}
+        stored = {(frame.query, signature): value for frame, signature, value, _ in cell.each()}
         for key in _spread(scored_queries(cell), _RESCORED):
             for signature, again in _again(evidence, cell, key, rng).items():
                 value = stored.get((key, signature))
@@ -129,7 +130,7 @@ def rescored(evidence: Evidence) -> tuple[bool | None, str]:
                     kept = "no value" if value is None else f"{value:.6g}"
                     title = evidence.metrics[signature].title
                     trouble.append(
-                        f"{named(cell)}: {title} of {key} is stored as {kept}, its picture gives {again.value:.6g}"
+                        f"{cell.label}: {title} of {key} is stored as {kept}, its picture gives {again.value:.6g}"
                     )
     if trouble:
         return told(trouble, "")
@@ -139,7 +140,7 @@ def rescored(evidence: Evidence) -> tuple[bool | None, str]:
     return True, f"{count} scores, at most {worst:.2f} of what half floats and print explain{note}"
 
 
-def _again(evidence: Evidence, cell: dict[str, Any], key: str, rng: np.random.Generator) -> dict[str, _Again | str]:
+def _again(evidence: Evidence, cell: CellRecord, key: str, rng: np.random.Generator) -> dict[str, _Again | str]:
     """By signature the score of a kept picture, or the reason why it has none."""
     frame, kept = evidence.frames[key], evidence.kept(cell, key)
     pairs = [evidence.pair(frame, picture) for picture in (kept, *_unrounded(kept, rng))]

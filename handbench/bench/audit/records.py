@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from typing import Any
 
 from ...errors import InputError
+from ..schema import at
 from .evidence import Evidence
 
-_TOLD = ("version", "git", "python", "packages", "os", "device", "command", "started")
-_EMPTY = ("git",)  # may be None: an installed copy is no checkout
+_TOLD = ("version", "python", "packages", "os", "device", "command", "started")  # git is none of an installed copy
 
 
 def coverage(evidence: Evidence) -> tuple[bool, str]:
     """Every planned cell is there, with one score for each of its queries and metrics, which is a value or a reason."""
     plan = evidence.plan
-    trouble = [f"cell {key[:12]} is missing" for key in plan["cells"] if evidence.store.cell(key) is None]
-    signatures = [metric["signature"] for metric in plan["protocol"]["metrics"]]
-    queries = {column["name"]: column["queries"] for column in plan["protocol"]["columns"]}
-    if queries != {name: [frame.key for frame in frames] for name, frames in evidence.selected.scored.items()}:
+    there = {cell.key for cell in evidence.cells}
+    trouble = [f"cell {key[:12]} is missing" for key in plan.cells if key not in there]
+    signatures = [metric.signature for metric in plan.protocol.metrics]
+    queries = {column.name: column.queries for column in plan.protocol.columns}
+    if queries != {name: tuple(frame.key for frame in frames) for name, frames in evidence.selected.scored.items()}:
         trouble.append("run.json names other queries than the protocol selects")
     count = 0
     for cell in evidence.cells:
@@ -27,31 +27,27 @@ def coverage(evidence: Evidence) -> tuple[bool, str]:
             (column, query, signature)
             for column, of_column in queries.items()
             for query in of_column
-            if evidence.frames[query].subject == cell["subject"]
+            if evidence.frames[query].subject == cell.subject
             for signature in signatures
         )
-        found = Counter((score["column"], score["query"], score["metric"]) for score in cell["scores"])
+        found = Counter((frame.column, frame.query, signature) for frame, signature, *_ in cell.each())
         count += sum(found.values())
         for what, difference in (("lacks", owed - found), ("has too many", found - owed)):
             if difference:
-                trouble.append(f"{named(cell)} {what} scores, e.g. {' '.join(next(iter(difference)))}")
-        for score in cell["scores"]:
-            if (score["value"] is None) == (score["reason"] is None):
-                trouble.append(f"{named(cell)}: {score['query']} needs either a value or a reason")
-                break
-    return told(trouble, f"{len(plan['cells'])} cells, {count} scores: each once, a value or a reason")
+                trouble.append(f"{cell.label} {what} scores, e.g. {' '.join(next(iter(difference)))}")
+    return told(trouble, f"{len(plan.cells)} cells, {count} scores: each once, a value or a reason")
 
 
 def keys(evidence: Evidence) -> tuple[bool | None, str]:
     """Each cell's key is what this code computes for its method, preset, data, protocol, subject and seed."""
     wanted = {(cell.method, cell.subject, cell.seed): cell for plan in evidence.planned.values() for cell in plan.cells}
     other, trouble = 0, []
-    cells = [cell for cell in evidence.cells if cell["method"]["name"] not in evidence.foreign]
+    cells = [cell for cell in evidence.cells if cell.method.name not in evidence.foreign]
     for cell in cells:
-        planned = wanted.get((cell["method"]["name"], cell["subject"], cell["seed"]))
+        planned = wanted.get((cell.method.name, cell.subject, cell.seed))
         if planned is None:
-            trouble.append(f"{named(cell)} is not of the run's methods, subjects and seeds")
-        elif (planned.key, planned.prior) != (cell["key"], cell["prior"]):
+            trouble.append(f"{cell.label} is not of the run's methods, subjects and seeds")
+        elif (planned.key, planned.prior) != (cell.key, cell.prior):
             other += 1
     if trouble:
         return told(trouble, "")
@@ -69,36 +65,31 @@ def keys(evidence: Evidence) -> tuple[bool | None, str]:
 def signatures(evidence: Evidence) -> tuple[bool, str]:
     """Each metric's signature is one that this version writes, and scores carry no other."""
     trouble, known = [], []
-    for metric in evidence.plan["protocol"]["metrics"]:
-        known.append(metric["signature"])
+    for metric in evidence.plan.protocol.metrics:
+        known.append(metric.signature)
         try:
-            evidence.metrics_module.from_signature(metric["signature"])
+            evidence.metrics_module.from_signature(metric.signature)
         except InputError as error:
             trouble.append(str(error))
     for cell in evidence.cells:
-        for signature in {score["metric"] for score in cell["scores"]} - set(known):
-            trouble.append(f"{named(cell)} has scores of {signature!r}, which run.json does not name")
+        for signature in set(cell.metrics) - set(known):
+            trouble.append(f"{cell.label} has scores of {signature!r}, which run.json does not name")
     return told(trouble, f"all {len(known)} are known to this version")
 
 
 def provenance(evidence: Evidence) -> tuple[bool, str]:
     """The run and each cell say version, commit, packages, machine, command and when; a cell its configuration."""
     trouble, dirty = [], 0
-    for owner, record in (("run.json", evidence.plan), *((named(cell), cell) for cell in evidence.cells)):
-        origin = record.get("provenance") or {}
-        lacking = [name for name in _TOLD if not origin.get(name) and not (name in _EMPTY and name in origin)]
+    for owner, record in (("run.json", evidence.plan), *((cell.label, cell) for cell in evidence.cells)):
+        lacking = [name for name in _TOLD if not at(record, f"provenance.{name}")]
         if lacking:
             trouble.append(f"{owner} does not tell its {', '.join(lacking)}")
-        dirty += bool((origin.get("git") or {}).get("dirty")) and record is not evidence.plan
     for cell in evidence.cells:
-        if cell["method"].get("config") is None or not cell.get("device"):
-            trouble.append(f"{named(cell)} does not tell its configuration and device")
+        dirty += bool(at(cell, "provenance.git.dirty"))
+        if cell.method.config is None or cell.device is None:
+            trouble.append(f"{cell.label} does not tell its configuration and device")
     note = f"; {dirty} cells come from a checkout with uncommitted changes" if dirty else ""
     return told(trouble, f"complete in run.json and {len(evidence.cells)} cells{note}")
-
-
-def named(cell: dict[str, Any]) -> str:
-    return f"{cell['method']['name']} {cell['subject']} seed {cell['seed']}"
 
 
 def told(trouble: Iterable[str], fine: str) -> tuple[bool, str]:

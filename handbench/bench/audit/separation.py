@@ -31,21 +31,21 @@ def apart(evidence: Evidence) -> tuple[bool, str]:
     if protocol.enrol.count is not None:
         enrol = [frame for frame in enrol if frame.key in counted]
     trouble, shared = [], []
-    for column in evidence.plan["protocol"]["columns"]:
-        scored = [evidence.frames[key] for key in column["queries"]]
+    for column in evidence.plan.protocol.columns:
+        scored = [evidence.frames[key] for key in column.queries]
         common = {
             "subject": {f.subject for f in scored} & {f.subject for f in train},
             "pose": set(_common_poses(scored, train)),
             "light": set(_common_lights(scored, [*train, *enrol])),
         }
         for axis, names in common.items():
-            if names and axis not in column["shares"]:
-                trouble.append(f"{column['name']} scores a {axis} that training saw ({', '.join(sorted(names)[:2])})")
+            if names and axis not in column.shares:
+                trouble.append(f"{column.name} scores a {axis} that training saw ({', '.join(sorted(names)[:2])})")
         seen = {f.key for f in scored} & {f.key for f in (*train, *enrol)}
-        if seen and set(common) - set(column["shares"]):
-            trouble.append(f"{column['name']} scores {sorted(seen)[0]}, which was seen before")
-        stated = [axis for axis in common if axis in column["shares"]]
-        shared.append(f"{column['name']} shares {' and '.join(stated) or 'nothing'}")
+        if seen and set(common) - set(column.shares):
+            trouble.append(f"{column.name} scores {sorted(seen)[0]}, which was seen before")
+        stated = [axis for axis in common if axis in column.shares]
+        shared.append(f"{column.name} shares {' and '.join(stated) or 'nothing'}")
     return told(trouble, "as stated: " + "; ".join(shared))
 
 

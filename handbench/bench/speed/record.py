@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from ...files import whole, writing
+from ...files import read_json, whole, writing
 
 SCHEMA = 1
 RESULT = "speed.json"
@@ -27,10 +27,8 @@ def write(folder: Path, found: dict[str, Any]) -> Path:
 def read(folder: Path) -> dict[str, Any]:
     """What `write` wrote. Raises `InputError` where there is none or another version wrote it."""
     path = folder / RESULT
-    try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path} cannot be read ({error}); run 'handbench speed' first") from error
-    if found.get("schema") != SCHEMA:
-        raise InputError(f"{path} has schema {found.get('schema')}, this version reads {SCHEMA}; measure again")
+    found: dict[str, Any] = read_json(path, what="speed study")
+    schema = found.get("schema") if isinstance(found, dict) else None
+    if schema != SCHEMA:
+        raise InputError(f"{path} has schema {schema}, this version reads {SCHEMA}; measure again")
     return found

@@ -20,6 +20,7 @@ from ...registry import METHODS
 from ...scene import Array
 from ..progress import Steps
 from ..provenance import provenance
+from ..schema import plain
 from . import methods, truth
 from .competitors import Mitsuba, Naive
 from .configurations import known_pose_sweep, new_pose_sweep
@@ -48,7 +49,7 @@ def study(chosen: Sequence[str] | None, quick: bool, command: list[str], steps: 
     names = list(every if chosen is None else chosen)
     for name in names:
         METHODS.entry(name)
-    about = provenance(command)
+    about = plain(provenance(command))
     drawn = [of_scene(scene, quick, steps(f"speed {scene.name}")) for scene in scenes(quick)]
     counted, growth = 0, steps("speed scaling")
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from ...registry import METHODS
 from ..progress import steps
 from ..provenance import provenance
+from ..schema import plain
 from .case import Case, Result
 from .record import write_record
 from .runner import run_cases
@@ -47,7 +48,7 @@ def stress(
     Raises `InputError` as `chosen_cases` does, and `StorageError` if the file cannot be written.
     """
     cases = chosen_cases(methods, only)
-    about = provenance(list(command))
+    about = plain(provenance(list(command)))
     start = time.monotonic()
     results: list[Result] = []
     with steps() as told:

@@ -1,0 +1,353 @@
+"""What a run, a cell and a training tell on disk: one record each, versioned, sealed by a digest.
+
+`RunRecord` is run.json, `CellRecord` a file of cells/, `PriorRecord` the train.json of a training. `recordfile` writes
+and reads them as JSON, `results` gives them to SQL, and docs/records.md is made from them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from ..method import Role
+from ..scene import FrameKind
+from .schema import Json, Misfit, Rule, told
+
+SCHEMA = 2
+"""The version of the format. 1 had no digests, a line for each value, and times that did not say what they measured."""
+
+
+def _names_a_file(text: str) -> bool:
+    return 0 < len(text.encode()) <= 200 and text not in (".", "..") and not any(c in "/\\" or c < " " for c in text)
+
+
+Name = Annotated[str, Rule("a name that a file can have", _names_a_file)]
+Key = Annotated[str, Rule("a line", lambda text: text.isprintable() and 0 < len(text) <= 1000)]
+Count = Annotated[int, Rule("0 or more", lambda value: value >= 0)]
+Duration = Annotated[float, Rule("a time from 0 to 1e12", lambda value: 0.0 <= value <= 1e12)]
+Value = Annotated[float, Rule("from -1e100 to 1e100", lambda value: -1e100 <= value <= 1e100)]
+Decimals = Annotated[int, Rule("from 0 to 12", lambda value: 0 <= value <= 12)]
+
+
+@dataclass(frozen=True, slots=True)
+class Git:
+    """The checkout that code came from."""
+
+    commit: str | None = told("the commit")
+    dirty: bool = told("whether there were uncommitted changes")
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin:
+    """A package of plug-ins."""
+
+    version: str | None = told("its installed version", default=None)
+    git: Git | None = told("its checkout, null for an installed copy", default=None)
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """The machine, for telling which times may be compared."""
+
+    cpu: str = told("model of the processor")
+    cores: int | None = told("processor cores that the process may use")
+    threads: int | None = told("threads that it uses")
+    memory_gb: float | None = told("memory in GiB", default=None)
+    gpus: tuple[str, ...] = told("models of the GPUs that torch sees", default=())
+    networks: str = told("where networks ran, such as cpu or cuda", default="")
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Where a result comes from, captured when the run started."""
+
+    version: str = told("of handbench")
+    git: Git | None = told("handbench's checkout, null for an installed copy")
+    command: str = told("the command line")
+    python: str = told("version of Python", default="")
+    packages: dict[str, str] = told("versions of the packages that handbench needs", default_factory=dict)
+    plugins: dict[str, Plugin] = told("packages of plug-ins from elsewhere", default_factory=dict)
+    os: str = told("the operating system", default="")
+    device: Device | None = told("the machine", default=None)
+    started: str = told("when the run started, in UTC, ISO 8601", default="")
+
+
+@dataclass(frozen=True, slots=True)
+class MethodRecord:
+    """A method as it was configured; the first fields are those of `handbench.method.MethodInfo`."""
+
+    name: Name = told("its name, unique in a run")
+    title: str = told("its name for readers")
+    summary: str = told("one line for lists", default="")
+    universal: bool = told("whether one training serves every subject", default=False)
+    linear: bool = told("whether it declares to be linear in light", default=False)
+    role: Role = told("whether it competes, or tells if the run is right", default="method")
+    truth: bool = told("whether it is given the scored frames: a calibration row", default=False)
+    lights: tuple[str, ...] = told("the kinds of light it can draw", default=())
+    fidelity: str = told("how a table must describe it", default="")
+    timed: bool = told("whether its answers are computed when it is asked", default=True)
+    preset: str = told("its preset", default="")
+    config: Json = told("every setting that can change a result", default=None)
+
+    @property
+    def calibration(self) -> bool:
+        """Whether its row tells if the run is right, and competes with none."""
+        return self.role == "calibration"
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureRecord:
+    """The data of a run."""
+
+    name: str = told("the registered name of the capture")
+    digest: str = told("of its content")
+    size: str = told("its size", default="")
+
+
+@dataclass(frozen=True, slots=True)
+class MetricRecord:
+    """A metric and how its values are printed."""
+
+    name: Name = told("its name, unique in a run")
+    title: str = told("its name for readers")
+    signature: Key = told("everything that decides its value")
+    higher_is_better: bool = told("which way is better")
+    unit: str = told("its unit, empty for a ratio")
+    latex: str = told("its column header in LaTeX")
+    decimals: Decimals = told("how many decimals are printed")
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnRecord:
+    """A group of scored frames that answers one question."""
+
+    name: Name = told("its name, unique in a protocol")
+    title: str = told("its name for readers")
+    queries: tuple[Key, ...] = told("the keys of its frames: subject/pose/camera/light")
+    subjects: str | tuple[str, ...] = told("trained, unseen, or names of subjects", default=())
+    shares: tuple[str, ...] = told("what its frames have in common with training on purpose", default=())
+
+    def __post_init__(self) -> None:
+        for place, query in enumerate(self.queries):
+            if query.count("/") < 3:
+                raise Misfit(f"is {json.dumps(query)}, not subject/pose/camera/light", f"queries[{place}]")
+        _unique("queries", self.queries)
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedRecord:
+    """What a paper prints for a method."""
+
+    method: str = told("the method's name; it need not be registered")
+    title: str = told("its name for readers")
+    source: str = told("where it is printed")
+    values: dict[str, tuple[float | None, ...]] = told("by column, in the order of the protocol's metrics")
+    marker: str = told("the paper's own mark of the row", default="")
+
+
+@dataclass(frozen=True, slots=True)
+class ProtocolRecord:
+    """The protocol of a run, with the frames it selected."""
+
+    name: Name = told("its name")
+    version: int = told("its version")
+    title: str = told("its name for readers")
+    digest: str = told("of everything in it that decides a score")
+    columns: tuple[ColumnRecord, ...] = told("its columns, in order")
+    metrics: tuple[MetricRecord, ...] = told("its metrics, in order")
+    summary: str = told("what it asks", default="")
+    trained: tuple[str, ...] = told("subjects that training sees", default=())
+    unseen: tuple[str, ...] = told("subjects that training does not see", default=())
+    aggregation: tuple[str, ...] = told("what values are averaged over, in order", default=())
+    published: tuple[PublishedRecord, ...] = told("published rows", default=())
+    published_note: str = told("what must be known of published rows", default="")
+
+    def __post_init__(self) -> None:
+        _unique("columns", [column.name for column in self.columns])
+        _unique("metrics", [metric.name for metric in self.metrics])
+        _unique("metrics", [metric.signature for metric in self.metrics])
+        if not self.columns or not self.metrics:
+            raise Misfit("is empty", "metrics" if self.columns else "columns")
+        for place, row in enumerate(self.published):
+            for column, values in row.values.items():
+                if len(values) != len(self.metrics):
+                    told = f"holds {len(values)} values, not one for each of {len(self.metrics)} metrics"
+                    raise Misfit(told, f"published[{place}].values.{json.dumps(column)}")
+
+    @property
+    def label(self) -> str:
+        """ "quick@1"."""
+        return f"{self.name}@{self.version}"
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """run.json: what the last run into a folder planned."""
+
+    protocol: ProtocolRecord = told("the protocol")
+    methods: tuple[MethodRecord, ...] = told("the methods, in the order of the tables")
+    seeds: tuple[int, ...] = told("the seeds")
+    capture: CaptureRecord = told("the data")
+    cells: tuple[Name, ...] = told("the keys of the planned cells")
+    provenance: Provenance = told("where the run comes from")
+    subjects: tuple[str, ...] = told("the subjects", default=())
+    schema: int = told("version of this format", default=SCHEMA)
+
+    def __post_init__(self) -> None:
+        _unique("methods", [method.name for method in self.methods])
+        _unique("seeds", self.seeds)
+        _unique("cells", self.cells)
+
+    def method(self, name: str) -> MethodRecord:
+        return next(method for method in self.methods if method.name == name)
+
+
+@dataclass(frozen=True, slots=True)
+class ProtocolVersion:
+    """The protocol that a cell is of."""
+
+    name: str = told("its name")
+    version: int = told("its version")
+    digest: str = told("of everything in it that decides a score")
+    title: str = told("its name for readers", default="")
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Milliseconds of repeats."""
+
+    median: Duration = told("the median")
+    min: Duration = told("the least")
+    max: Duration = told("the most")
+    n: Count = told("how many there are")
+    values: tuple[Duration, ...] = told("each of them", default=())
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """What a cell took; a method whose answers were made elsewhere tells no times of its own."""
+
+    train_s: Duration | None = told("training, in seconds, earlier stopped tries included", default=None)
+    personalise_s: Duration | None = told("personalising, in seconds", default=None)
+    new_pose_ms: dict[FrameKind, Spread] = told(
+        "pose and relight, nothing kept, by kind of frame", default_factory=dict
+    )
+    known_pose_ms: dict[FrameKind, Spread] = told("relight alone, under another light", default_factory=dict)
+    relight_s: Duration = told("all relighting, in seconds", default=0.0)
+    score_s: Duration = told("all scoring, in seconds", default=0.0)
+    laws_s: Duration = told("measuring the laws, in seconds", default=0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Laws:
+    """How far light is from adding up, relative to the brightest pixel; null where nothing could be measured."""
+
+    additivity: float | None = told("of two lights drawn together, from their sum", default=None)
+    homogeneity: float | None = told("of a light made stronger, from the picture made stronger", default=None)
+    linearity: float | None = told("of both at once", default=None)
+    pairs: Count = told("pairs of lights it was measured with", default=0)
+    reason: str | None = told("why a pair or a value is missing", default=None)
+
+
+@dataclass(frozen=True, slots=True)
+class Saved:
+    """What a skip left out."""
+
+    total: Count = told("how much there was")
+    skipped: Count = told("how much of it was left out")
+
+
+@dataclass(frozen=True, slots=True)
+class CurvePoint:
+    """What a training told at a step."""
+
+    step: Count = told("the step")
+    values: dict[str, float | None] = told("by name; null for what was not finite")
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredFrame:
+    """The values of one frame in one column."""
+
+    column: str = told("the column")
+    query: Key = told("the frame's key")
+    kind: FrameKind = told("the kind of light")
+    values: tuple[Value | None, ...] = told("in the order of the cell's metrics")
+    reasons: tuple[str | None, ...] = told("why a value is missing; empty if none is", default=())
+
+    def __post_init__(self) -> None:
+        if None in self.values or self.reasons:
+            if len(self.reasons) != len(self.values):
+                raise Misfit(f"holds {len(self.reasons)} reasons for {len(self.values)} values", "reasons")
+            for place, (value, reason) in enumerate(zip(self.values, self.reasons, strict=True)):
+                if (value is None) == (reason is None):
+                    raise Misfit("needs either a value or a reason", f"values[{place}]")
+
+    @property
+    def reason(self) -> str:
+        """Why a value is missing, "" if none is."""
+        return next(filter(None, self.reasons), "")
+
+
+@dataclass(frozen=True, slots=True)
+class CellRecord:
+    """cells/KEY.json: what one method on one subject with one seed measured."""
+
+    key: Name = told("the cell's key, which is its file's name")
+    method: MethodRecord = told("the method")
+    subject: str = told("the subject")
+    seed: int = told("the seed")
+    metrics: tuple[Key, ...] = told("signatures of the metrics, in the order of the values")
+    scores: tuple[ScoredFrame, ...] = told("every scored frame, once for each of its columns")
+    times: Times = told("what it took")
+    predictions: dict[str, str] = told("SHA-256 of each kept picture, by frame", default_factory=dict)
+    same_pixels: bool | None = told("whether pictures drawn twice were equal", default=None)
+    error: str | None = told("the traceback of a method that crashed: it is tried again", default=None)
+    laws: Laws = told("measured laws of light", default=Laws())
+    skipped: dict[str, Saved] = told("what was left out, by what it is", default_factory=dict)
+    curve: tuple[CurvePoint, ...] = told("losses of personalising", default=())
+    prior: Name | None = told("the key of its training", default=None)
+    protocol: ProtocolVersion | None = told("the protocol", default=None)
+    capture: CaptureRecord | None = told("the data", default=None)
+    device: Device | None = told("the machine", default=None)
+    provenance: Provenance | None = told("where it comes from", default=None)
+    schema: int = told("version of the format it was written in", default=SCHEMA)
+
+    def __post_init__(self) -> None:
+        _unique("metrics", self.metrics)
+        for place, frame in enumerate(self.scores):
+            if len(frame.values) != len(self.metrics):
+                told = f"holds {len(frame.values)} values, not one for each of {len(self.metrics)} metrics"
+                raise Misfit(told, f"scores[{place}].values")
+        _unique("scores", [(frame.column, frame.query) for frame in self.scores])
+
+    @property
+    def label(self) -> str:
+        return f"{self.method.name} {self.subject} seed {self.seed}"
+
+    def each(self) -> Iterator[tuple[ScoredFrame, str, float | None, str | None]]:
+        """Every value: its frame, the signature of its metric, the value, and why there is none."""
+        for frame in self.scores:
+            for place, (signature, value) in enumerate(zip(self.metrics, frame.values, strict=True)):
+                yield frame, signature, value, None if value is not None else frame.reasons[place]
+
+
+@dataclass(frozen=True, slots=True)
+class PriorRecord:
+    """priors/KEY/train.json: a kept training."""
+
+    method: str = told("the method")
+    seed: int = told("the seed")
+    train_s: Duration = told("seconds it took, earlier stopped tries included")
+    files: dict[str, str] = told("SHA-256 of each file of the trained state", default_factory=dict)
+    curve: tuple[CurvePoint, ...] = told("losses", default=())
+    config: Json = told("the method's settings", default=None)
+    schema: int = told("version of the format it was written in", default=SCHEMA)
+
+
+def _unique(name: str, values: Any) -> None:
+    if len(set(values)) < len(values):
+        twice = next(value for place, value in enumerate(values) if value in values[:place])
+        raise Misfit(f"holds {json.dumps(twice)} twice", name)
