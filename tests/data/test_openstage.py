@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from handbench.data.capture import Capture
+from handbench.data.capture import Capture, read
 from handbench.data.contactsheet import contact_sheet, summary
 from handbench.data.exr import read_exr, rgb, write_exr
 from handbench.data.openstage import PRESETS, capture_folder, open_capture, preset
 from handbench.data.openstage.capture import OpenStage
 from handbench.data.openstage.make import TRACKING_NOISE, make, smooth_noise
 from handbench.data.openstage.stage import ENVIRONMENT_IRRADIANCE, lightings
-from handbench.errors import InputError, StorageError
+from handbench.errors import BadFrame, InputError, StorageError
 from handbench.hand import OpenHand
 from handbench.light.environment import solid_angles
 from handbench.render.raster import rasterise
@@ -242,3 +244,82 @@ def test_fully_lit_frames_hold_no_held_out_light(mini: Capture) -> None:
     held_out = {tuple(f.light.direction) for f in mini.frames() if f.lighting in ("olat-06", "olat-07")}
     full = next(f for f in mini.frames() if f.kind == "full")
     assert not held_out & {tuple(leaf.direction) for leaf in leaves(full.light)}
+
+
+@pytest.mark.parametrize("at", [0.3, 0.6, 0.999])
+@pytest.mark.parametrize("name", ["topology.npz", "s01/pose-0/tracked.npy", "environments/env-hall.exr"])
+def test_a_flipped_bit_is_found_when_the_capture_is_opened(copy: Path, name: str, at: float) -> None:
+    path = copy / name
+    content = bytearray(path.read_bytes())
+    content[int(at * len(content))] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=path.name):
+        OpenStage(copy)
+
+
+@pytest.mark.parametrize("sums", [True, False])
+def test_a_flipped_bit_in_a_picture_is_found_when_it_is_read(copy: Path, sums: bool) -> None:
+    path = copy / "s01/pose-0/dorsal/geometry.exr"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    if not sums:
+        (copy / "sums.json").unlink()
+        with pytest.raises(InputError, match="are not what was generated"):
+            OpenStage(copy)
+        return
+    capture = OpenStage(copy)
+    bad, sound = (next(f for f in capture.frames() if f.key == f"s01/pose-{i}/dorsal/olat-00") for i in (0, 1))
+    with pytest.raises(BadFrame, match=r"s01/pose-0/dorsal/olat-00: .*geometry\.exr"):
+        read(capture, bad)
+    read(capture, sound)
+
+
+def test_sums_are_made_again_where_they_are_missing_or_damaged(copy: Path) -> None:
+    whole = (copy / "sums.json").read_text()
+    for content in (None, "", "[]", '{"topology.npz": 3}', whole.replace("a", "b")):
+        (copy / "sums.json").unlink() if content is None else (copy / "sums.json").write_text(content)
+        OpenStage(copy)
+        assert (copy / "sums.json").read_text() == whole
+
+
+def _first(kind: str, **values: object) -> Callable[[dict], None]:
+    return lambda manifest: manifest[kind][0].update(values)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda m: m.update(cameras=[]), "it has no cameras"),
+        (lambda m: m.update(subjects=[]), "it has no subjects"),
+        (lambda m: m.pop("olat"), "'olat' is missing"),
+        (lambda m: m.update(subjects="s01"), "it has no subjects"),
+        (_first("cameras", width=5_000_000), "has 5000000 x 128 pixels, at most 32768 a side"),
+        (_first("cameras", width="96"), "has 96 x 128 pixels"),
+        (_first("cameras", K=[[1, 2], [3]]), "damaged"),
+        (_first("lightings", weights=[1.0]), "has 1 weights"),
+        (_first("subjects", name="../s01"), r"'\.\./s01' cannot be the name of one of its subjects"),
+        (_first("subjects", name="/etc"), "cannot be the name"),
+        (_first("subjects", poses=3), "damaged"),
+        (_first("subjects", poses=[{"name": "pose-0"}]), "damaged|lacks|cannot be read|not what"),
+        (lambda m: m.pop("content"), "'content' is missing"),
+        (lambda m: m.update(content=7), "not what was generated"),
+    ],
+)
+def test_a_manifest_that_nobody_writes_is_one_sentence(copy: Path, change: Callable[[dict], None], told: str) -> None:
+    path = copy / "capture.json"
+    manifest = json.loads(path.read_text())
+    change(manifest)
+    path.write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match=told):
+        OpenStage(copy)
+
+
+def test_what_a_killed_generation_left_half_written_goes(tmp_path: Path) -> None:
+    old, new = (tmp_path / "s01" / f".{name}.exr.1.part" for name in ("old", "new"))
+    old.parent.mkdir()
+    for part in (old, new):
+        part.write_text("half")
+    os.utime(old, (0, 0))
+    make(TINY, tmp_path)
+    assert not old.exists() and new.exists()

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -21,12 +23,15 @@ from ...render.pathtrace import PathTracer, TracedSurface, choose_variant, displ
 from ...scene import Array, Camera, Directional, Environment, Mesh, Topology
 from ..exr import rgb, write_exr
 from .cast import Performance, Subject, cast
-from .inventory import TRACED, content
+from .inventory import TRACED, content, measured, write_sums
 from .presets import GENERATOR_VERSION, SCHEMA, Preset
 from .skin import Skin, make_skin
 from .stage import Lighting, cameras, lightings
 
 TRACKING_NOISE = 3e-4  # metres, root mean square distance of a tracked vertex from the true coarse surface
+
+
+_LATELY = 600.0  # seconds: no file takes as long to write
 
 
 @dataclass(frozen=True)
@@ -66,14 +71,25 @@ def make(preset: Preset, folder: Path, progress: Progress = silent, variant: str
         hand = OpenHand.load()
         production = _Production(preset, hand, cast(preset, hand), cameras(preset), lightings(preset), folder)
         _check_space(production)
+        _sweep(folder)
         variant = _variant(folder, variant or choose_variant())
         _save_shared(production)
         for done, _ in enumerate(_views(production, PathTracer(variant)), start=1):
             progress(done, len(production.views))
         manifest = _manifest(production, variant)
-        manifest["content"] = content(folder, manifest)
+        sums = measured(folder, manifest)
+        write_sums(folder, sums)
+        manifest["content"] = content(sums)
         with whole(folder / "capture.json") as part:
             part.write_text(json.dumps(manifest, indent=1))
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what killed processes left half-written. What was touched lately may be another machine's."""
+    for part in folder.rglob(".*.part"):
+        with suppress(OSError):
+            if time.time() - part.stat().st_mtime > _LATELY:
+                part.unlink()
 
 
 def _variant(folder: Path, available: str) -> str:
