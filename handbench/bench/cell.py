@@ -55,7 +55,8 @@ class CaptureReader:
 
     def caused(self, error: BaseException) -> BadFrame | None:
         """The bad frame that an error comes from, also if a method or another process wrapped it."""
-        bad, link = self._error, error
+        bad = self._error
+        link: BaseException | None = error
         while bad is not None and link is not None:
             if link is bad or str(link) == str(bad):
                 return bad

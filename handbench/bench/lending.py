@@ -68,7 +68,9 @@ def copied(value: T) -> T:
 
 def answered(prediction: Prediction) -> Prediction:
     """An answer that stays what it is when the method draws the next one into the same arrays."""
-    arrays = {f.name: v.copy() for f in fields(prediction) if isinstance(v := getattr(prediction, f.name), np.ndarray)}
+    arrays: dict[str, Any] = {
+        f.name: v.copy() for f in fields(prediction) if isinstance(v := getattr(prediction, f.name), np.ndarray)
+    }
     return replace(prediction, **arrays)
 
 
