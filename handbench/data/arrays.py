@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from ..scene import Array
 from .filekind import MAX_PIXELS, check_kind, check_size
 
 _SAMPLES = 4  # values of a pixel of the largest picture
+_BYTES = 1 << 30  # of all arrays of an archive: no mesh is larger
 
 
 def read_array(path: Path, what: str = "picture", max_pixels: int = MAX_PIXELS) -> Array:
@@ -34,3 +36,24 @@ def read_array(path: Path, what: str = "picture", max_pixels: int = MAX_PIXELS) 
     if mapped.size > _SAMPLES * max_pixels:
         raise InputError(f"{what} {path} has the shape {mapped.shape}; expected (H, W, 3) or (H, W, 4)")
     return np.array(mapped)
+
+
+def read_arrays(path: Path, what: str = "file", limit: int = _BYTES) -> dict[str, Array]:
+    """All arrays of a .npz file by name.
+
+    Raises `InputError` for a file that is missing, damaged anywhere, or that announces more than `limit` bytes, before
+    memory is taken for them.
+    """
+    check_kind(path, what)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > limit:
+            raise InputError(f"{what} {path} holds {size:,} bytes of arrays, more than the {limit:,} that are read")
+        with np.load(path, allow_pickle=False) as held:
+            return {name: held[name] for name in held.files}
+    except InputError:
+        raise
+    except Exception as error:  # of the archive, of its compression or of the arrays in it
+        told = " ".join(str(error).replace(str(path), "").split())[:160]
+        raise InputError(f"{what} {path} is damaged ({told}); get it again") from error

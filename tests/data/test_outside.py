@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageCms
 
+from handbench.data.arrays import read_arrays
 from handbench.data.environments import read_environment as read
 from handbench.data.pictures import Stated, read_mask, read_picture
 from handbench.data.radiance import read_radiance
@@ -290,6 +291,32 @@ def test_a_map_that_is_cropped_or_a_cube_is_refused(tmp_path: Path) -> None:
         read(exr(tmp_path / "crop.exr", sky, **crop))
     with pytest.raises(InputError, match="says it is a cube map"):
         read(exr(tmp_path / "cube.exr", sky, envmap=OpenEXR.ENVMAP_CUBE))
+
+
+@settings(max_examples=60)
+@given(where=st.integers(0, 10_000), value=st.integers(0, 255))
+def test_an_archive_of_arrays_with_any_byte_changed_is_whole_or_refused(where: int, value: int, archive: Path) -> None:
+    data = bytearray((archive / "sound.npz").read_bytes())
+    data[where % len(data)] = value
+    (archive / "a.npz").write_bytes(data)
+    try:
+        found = read_arrays(archive / "a.npz")
+    except InputError as error:
+        assert "a.npz" in str(error) and "\n" not in str(error)
+    else:
+        assert all(np.array_equal(values, CODES) for values in found.values())
+
+
+def test_an_archive_that_announces_too_much_is_refused(archive: Path) -> None:
+    with pytest.raises(InputError, match=r"holds 544 bytes of arrays, more than the 500 that are read"):
+        read_arrays(archive / "sound.npz", limit=500)
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("archive")
+    np.savez_compressed(place / "sound.npz", codes=CODES, again=CODES)
+    return place
 
 
 FUZZED = {

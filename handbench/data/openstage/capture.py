@@ -14,6 +14,7 @@ import numpy as np
 from ...errors import InputError
 from ...memory import physical_memory
 from ...scene import Array, Camera, Directional, Environment, Frame, Group, Light, Mesh, Observation, Pose, Topology
+from ..arrays import read_arrays
 from ..capture import Capture
 from ..exr import read_exr, stack
 from .inventory import olat_name, recorded
@@ -182,6 +183,8 @@ def _check_names(kind: str, entries: list[dict[str, Any]]) -> None:
 
 def _load(path: Path) -> Any:
     """A numpy file: an array, or a mapping of arrays; raises `InputError` if it is missing or damaged."""
+    if path.suffix == ".npz":
+        return read_arrays(path)
     try:
         found = np.load(path)
         return found if isinstance(found, np.ndarray) else {name: found[name] for name in found.files}
