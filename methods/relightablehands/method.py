@@ -35,6 +35,7 @@ INFO = MethodInfo(
     title="RelightableHands",
     summary="one identity's texture decoder on a mesh, one pass a light, summed",
     linear=True,
+    lights=frozenset({"directional", "point", "environment"}),
     fidelity="reimplementation on a mesh, trained here on open data",
 )
 
@@ -58,13 +59,11 @@ class PosedRelightableHands(PosedAvatar):
         self._surface = PosedSurface(needed(viewpoint.mesh, "mesh"), model.config.texture)
         self._raster = rasterise(self._surface.mesh, viewpoint.camera)
         self._seen = Seen.of(self._surface, viewpoint.camera.centre, needed(viewpoint.pose, "pose").joints)
-        self._kept: OrderedDict[bytes, Tensor] = OrderedDict()  # by direction
+        self._kept: OrderedDict[bytes, Tensor] = OrderedDict()  # by direction or position
 
     @torch.no_grad()
     def relight(self, light: Light) -> Prediction:
         lights = light_samples(light, environment_lights=self._model.config.environment_lights)
-        if len(lights.positions):
-            raise Unsupported(f"{INFO.title} is trained on distant lights and cannot draw point lights")
         if len(lights) > MOST_LIGHTS:
             raise Unsupported(
                 f"{INFO.title} runs its network once a light: {len(lights)} lights are more than {MOST_LIGHTS}"
@@ -72,15 +71,16 @@ class PosedRelightableHands(PosedAvatar):
         atlas = self._surface.atlas
         colour = torch.zeros(3, atlas.count)
         for first in range(0, len(lights), _TOGETHER):
-            some = _some(lights, slice(first, first + _TOGETHER))
-            colour += lit(self._responses(some), some.irradiance)
+            some = _some(lights, np.arange(first, min(first + _TOGETHER, len(lights))))
+            colour += lit(self._responses(some), np.concatenate([some.irradiance, some.intensities]))
         return prediction(self._raster, atlas.dilate(atlas.scatter(colour)))
 
     def _responses(self, lights: LightSet) -> Tensor:
-        """What the hand answers to each of a few distant lights at unit irradiance, (L, 3, N)."""
+        """What the hand answers to each of a few lights of unit irradiance or intensity, (L + P, 3, N)."""
         if not skips().known:
             return self._drawn(lights)
         keys = [direction.tobytes() for direction in lights.directions]
+        keys += [b"near" + position.tobytes() for position in lights.positions]
         found = {key: self._kept[key] for key in keys if key in self._kept}
         missing = {key: row for row, key in enumerate(keys) if key not in found}
         note("lights known already", len(keys), len(keys) - len(missing))
@@ -98,12 +98,16 @@ class PosedRelightableHands(PosedAvatar):
 
     def _drawn(self, lights: LightSet) -> Tensor:
         """The same from the network."""
-        return self._model.responses(self._seen, lights.directions, self._surface.visibility(lights))[0]
+        visible = self._surface.visibility(lights)
+        return self._model.responses(self._seen, lights.directions, visible, lights.positions)[0]
 
 
-def _some(lights: LightSet, rows: Array | slice) -> LightSet:
-    """Some of distant lights."""
-    return LightSet(lights.directions[rows], lights.irradiance[rows], lights.positions, lights.intensities)
+def _some(lights: LightSet, rows: Array) -> LightSet:
+    """Some lights, by rows of the distant ones followed by the near ones."""
+    distant, near = rows[rows < len(lights.directions)], rows[rows >= len(lights.directions)] - len(lights.directions)
+    return LightSet(
+        lights.directions[distant], lights.irradiance[distant], lights.positions[near], lights.intensities[near]
+    )
 
 
 class RelightableHandsPrior(Prior):

@@ -226,9 +226,30 @@ def test_what_it_cannot_do_has_a_reason(avatar: Avatar, training: Recording, enr
     prior = RelightableHands(SMOKE).train(training)
     with pytest.raises(Unsupported, match="relightablehands trains on single-light or group frames"):
         prior.personalise(enrolment)
-    near = Point(np.array([0.0, 0.5, 0.5]), np.ones(3))
-    with pytest.raises(Unsupported, match="cannot draw point lights"):
-        avatar.relight(asked(training, Group((sun(0, 1, 0), near))))
+    many = Group(tuple(sun(np.cos(a), np.sin(a), 0.1) for a in np.linspace(0.0, 6.0, 1025)))
+    with pytest.raises(Unsupported, match="1025 lights are more than 1024"):
+        avatar.relight(asked(training, many))
+
+
+def test_near_lights_add_to_distant_ones_and_are_kept(
+    avatar: Avatar, training: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert isinstance(avatar, RelightableHandsAvatar)
+    near = [Point(np.array([0.1 * k, 0.4, 0.5]), np.array([0.3, 0.2, 0.1])) for k in range(5)]
+    distant = [sun(0.2, 0.9, 0.1 * k) for k in range(5)]
+    query = asked(training, Group((*near, *distant, near[0])))  # more than go through the network at once
+    posed = avatar.pose(query.viewpoint)
+    both = posed.relight(query.light).image.astype(np.float64)
+    apart = [picture(avatar, asked(training, light)) for light in (Group((*near, near[0])), Group(tuple(distant)))]
+    assert np.abs(both - sum(apart)).max() < 1e-4 * both.max()
+    assert min(part.max() for part in apart) > 0.02
+    calls: list[int] = []
+    monkeypatch.setattr(avatar._model.decoder, "forward", _counting(avatar._model.decoder.forward, calls))
+    again = posed.relight(query.light).image
+    assert not calls and np.abs(again - both).max() < 1e-5 * both.max()
+    far = Point(1e3 * distant[0].direction, 1e6 * distant[0].irradiance)
+    one, other = (picture(avatar, asked(training, light)) for light in (far, distant[0]))
+    assert np.abs(one - other).max() < 2e-2 * other.max()
 
 
 def test_settings_that_cannot_work() -> None:
@@ -242,4 +263,4 @@ def test_settings_that_cannot_work() -> None:
 
 def test_it_is_registered_as_what_it_is() -> None:
     info = METHODS.load("relightablehands")(preset="smoke").info
-    assert info.linear and not info.universal and "point" not in info.lights
+    assert info.linear and not info.universal and "point" in info.lights
