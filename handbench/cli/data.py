@@ -1,4 +1,4 @@
-"""handbench data: make and show captures."""
+"""handbench data: make, show and check captures."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ _ELSEWHERE = "choose another place with --out"
 
 
 def add(verbs: Any) -> None:
-    data = verbs.add_parser("data", help="make and show captures").add_subparsers(required=True, metavar="VERB")
+    data = verbs.add_parser("data", help="make, show and check captures").add_subparsers(required=True, metavar="VERB")
     make = data.add_parser("make", help="generate what is missing of a capture")
     make.set_defaults(verb=_data_make, resumes=True)
     show = data.add_parser("show", help="summarise a capture and draw a contact sheet")
     show.add_argument("--out", type=Path, metavar="PNG", help="the picture (default: CAPTURE.png)")
     show.set_defaults(verb=_data_show)
-    for verb in (make, show):
+    check = data.add_parser("check", help="read every frame once and list what is wrong; exit code 2 if anything is")
+    check.set_defaults(verb=_data_check)
+    for verb in (make, show, check):
         verb.add_argument("capture", help="a name that 'handbench list captures' shows")
         verb.add_argument("--size", default="quick", metavar="SIZE")
         verb.add_argument("--folder", type=Path, metavar="DIR", help="where captures are kept")
@@ -42,6 +44,20 @@ def _data_show(arguments: argparse.Namespace) -> int:
     say(summary(capture))
     say(f"contact sheet: {path}")
     return 0
+
+
+def _data_check(arguments: argparse.Namespace) -> int:
+    from ..bench.progress import steps
+    from ..data.inspection import troubles
+
+    capture = _capture(arguments)
+    with steps() as told:
+        found = list(troubles(capture, told("frames")))
+    for trouble in found:
+        say(trouble)
+    count = len(capture.frames())
+    say(f"{capture.name}: {count} frames, " + (f"{len(found)} troubles" if found else "all sound"))
+    return 2 if found else 0
 
 
 def _capture(arguments: argparse.Namespace) -> Any:

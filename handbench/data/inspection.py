@@ -1,0 +1,55 @@
+"""Every frame of a capture read once: what is wrong with it, by frame, before a run finds out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..errors import BadFrame
+from ..method import Progress, silent
+from ..scene import Frame, Mesh
+from .capture import Capture, read
+
+_ACROSS = 10.0  # metres: no hand
+_FLAT = 1e-3  # of the cube of its size: the volume of a surface that is too open to have an inside
+
+
+def troubles(capture: Capture, progress: Progress = silent) -> Iterator[str]:
+    """One sentence for each trouble, which begins with the frame's key; nothing for a sound capture."""
+    frames = capture.frames()
+    for key, count in Counter(frame.key for frame in frames).items():
+        if count > 1:
+            yield f"{key}: {count} frames have this key; name poses, cameras and lightings apart"
+    for frame in {frame.pose_key: frame for frame in reversed(frames)}.values():
+        if frame.mesh is not None and (trouble := _of_mesh(frame.mesh)):
+            yield f"{frame.key}: {trouble}"
+    for done, frame in enumerate(frames, start=1):
+        if trouble := _of_frame(capture, frame):
+            yield trouble
+        progress(done, len(frames))
+
+
+def _of_frame(capture: Capture, frame: Frame) -> str:
+    try:
+        seen = read(capture, frame)
+    except BadFrame as error:
+        return str(error)
+    if seen.alpha is None or not (inside := seen.alpha > 0.5).any():
+        return ""
+    median = float(np.median(seen.image[inside]))
+    if median > 1.0:
+        return f"{frame.key}: the median of its hand is {median:.3g}; is it radiance of skin, or codes up to 255?"
+    return ""
+
+
+def _of_mesh(mesh: Mesh) -> str:
+    across = float(np.ptp(mesh.vertices, axis=0).max(initial=0.0))
+    if across > _ACROSS:
+        return f"its mesh is {across:.3g} m across; give metres, these look like millimetres"
+    corners = (mesh.vertices - mesh.vertices.mean(axis=0))[mesh.topology.faces]
+    volume = float(np.linalg.det(corners).sum()) / 6.0
+    if volume < -_FLAT * across**3:
+        return "the faces of its mesh look inwards; turn their winding round"
+    return ""
