@@ -28,9 +28,9 @@ def protocol(path: Path) -> str:
 
 def environment(path: Path) -> str:
     """Mean radiance of an environment map."""
-    from handbench.light.environment import read
+    from handbench.data.environments import read_environment
 
-    return " ".join(f"{value:.5g}" for value in read(path).radiance.mean((0, 1)))
+    return " ".join(f"{value:.5g}" for value in read_environment(path).radiance.mean((0, 1)))
 
 
 def capture(folder: Path) -> str:

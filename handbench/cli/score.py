@@ -32,10 +32,12 @@ def _score(arguments: argparse.Namespace) -> int:
     from ..bench.run import find_protocol
     from ..bench.score import score, template
     from ..data.predictions import Unfit
+    from ..files import check_folder
 
     _check_company(arguments)
     protocol = find_protocol(arguments.protocol)
     if arguments.template is not None:
+        check_folder(arguments.template, "name a new folder")
         count = template(protocol, arguments.template, arguments.data, arguments.images)
         say(f"{count} pictures are asked for, see {arguments.template / 'asked' / 'queries.json'}")
         say(f"draw them, complete {arguments.template / 'manifest.json'}, and score the folder")
