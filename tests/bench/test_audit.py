@@ -22,8 +22,9 @@ from handbench.bench.run import find_protocol, run
 from handbench.cli import main
 from handbench.data.exr import read_exr, write_exr
 from handbench.errors import Damaged, InputError
+from handbench.methods.oracle import OracleAvatar
 from handbench.reports import table
-from handbench.scene import Directional, Environment, Point, Prediction
+from handbench.scene import Directional, Environment, Point, Prediction, Query
 
 
 @pytest.fixture(scope="module")
@@ -285,6 +286,23 @@ def test_a_method_that_is_not_registered_is_left_out_where_it_would_be_needed(co
         holds, detail = verdict(copy, check)
         assert holds is True and words in detail and "not registered here" in detail
     assert verdict(copy, "scored again")[0] is True
+
+
+def test_a_method_that_changes_what_it_is_given_is_named_and_spoils_no_other(
+    sound: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    honest = OracleAvatar.relight
+
+    def relight(self: OracleAvatar, query: Query) -> Prediction:
+        answer = honest(self, query)
+        query.mesh.vertices.flags.writeable = True
+        query.mesh.vertices[:] = 0.0
+        return answer
+
+    monkeypatch.setattr(OracleAvatar, "relight", relight)
+    holds, detail = verdict(sound, "drawn again")
+    assert holds is False and "oracle s01 seed 0 changed what it was given: the mesh of s01/" in detail
+    assert "physical" not in detail and "mean" not in detail
 
 
 # -- what compares --------------------------------------------------------------------------------------------------

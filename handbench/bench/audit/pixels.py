@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
 from ...device import device_name
+from ...errors import Changed
 from ...registry import METHODS
 from ...scene import Array, Prediction
+from ..isolation import isolated
+from ..lending import answered
 from ..record import CellRecord
 from .evidence import Evidence, scored_queries
 from .records import told
@@ -46,12 +49,9 @@ def redrawn(evidence: Evidence) -> tuple[bool | None, str]:
         if why := _not_done_again(evidence, cell):
             left_out.append(f"{cell.method.name} ({why})")
             continue
-        method = METHODS.load(cell.method.name)(preset=cell.method.preset)
-        prior = method.load(evidence.store.sound_state(cell.prior or ""))
-        avatar = prior.personalise(evidence.bench.enrolment(cell.subject, method), cell.seed)
-        for key in _spread(scored_queries(cell), _REDRAWN):
-            kept, count = evidence.kept(cell, key), count + 1
-            apart = _beyond_half(avatar.relight(evidence.frames[key].query), kept)
+        for key, drawn in _drawn(evidence, cell, trouble).items():
+            count += 1
+            apart = _beyond_half(drawn, evidence.kept(cell, key))
             worst = max(worst, apart)
             if apart > 1.0:
                 trouble.append(f"{cell.label} draws {key} differently ({apart:.1f} times what rounding explains)")
@@ -61,6 +61,24 @@ def redrawn(evidence: Evidence) -> tuple[bool | None, str]:
     if not count:
         return None, "nothing could be drawn again" + note
     return True, f"{count} pictures, at most {worst:.2f} of what half floats and {_SAME:.0e} of the peak explain{note}"
+
+
+def _drawn(evidence: Evidence, cell: CellRecord, trouble: list[str]) -> dict[str, Prediction]:
+    """Pictures of a cell drawn again, by query. A method that changes what it is given is a trouble, and no other's."""
+    lender = evidence.bench.lender
+    with isolated():
+        bench = replace(evidence.bench, selected=lender.lend(evidence.selected, cell.method.name))
+        method = METHODS.load(cell.method.name)(preset=cell.method.preset)
+        prior = method.load(evidence.store.sound_state(cell.prior or ""))
+        avatar = prior.personalise(bench.enrolment(cell.subject, method), cell.seed)
+        queries = {frame.key: frame.query for _, frame in bench.scored(cell.subject)}
+        chosen = _spread(scored_queries(cell), _REDRAWN)
+        drawn = {key: answered(avatar.relight(queries[key])) for key in chosen}
+    try:
+        lender.check()
+    except Changed as changed:
+        trouble.append(f"{cell.label} changed what it was given: {changed}")
+    return drawn
 
 
 def _not_done_again(evidence: Evidence, cell: CellRecord) -> str:
