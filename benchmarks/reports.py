@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+
+from handbench.bench.record import (
+    CaptureRecord,
+    CellRecord,
+    ColumnRecord,
+    Device,
+    Laws,
+    MethodRecord,
+    MetricRecord,
+    ProtocolRecord,
+    Provenance,
+    RunRecord,
+    ScoredFrame,
+    Spread,
+    Times,
+)
+from handbench.bench.store import Store
 
 from .measure import Measurement, summary
 
 METHODS, SUBJECTS, FRAMES = 10, 25, 20  # frames of a subject in a column
 METRICS = ("psnr", "ssim", "lpips-alex", "lpips-vgg", "flip")
 COLUMNS = ("unseen-segment", "unseen-subject", "unseen-light", "environment")
+DEVICE = Device("made up", 2, 2, 8.0)
 VALUES = METHODS * SUBJECTS * FRAMES * len(METRICS) * len(COLUMNS)
 
 # The seconds and the peak memory in MB of a command, interpreter and imports included.
@@ -53,75 +69,56 @@ def _measured(command: list[str]) -> tuple[float, float]:
     return wall, peak
 
 
-def write_run(folder: Path) -> Path:
+def write_run(folder: Path, frames: int = FRAMES) -> Path:
     """A run folder as `handbench run` leaves it, with random values and no pictures."""
-    generator = np.random.default_rng(0)
-    (folder / "cells").mkdir(parents=True)
+    generator, store = np.random.default_rng(0), Store(folder)
     infos = [_info(f"method-{i}", i == METHODS - 1) for i in range(METHODS)]
     keys = []
     for number, info in enumerate(infos):
         for subject in range(SUBJECTS):
-            key = f"{number:032x}{subject:032x}"
-            keys.append(key)
-            values = generator.normal(30 + 0.3 * number + 0.1 * subject, 2, size=VALUES // METHODS // SUBJECTS)
-            cell = {"schema": 1, "key": key, "method": info, **_cell(subject, values)}
-            (folder / "cells" / f"{key}.json").write_text(json.dumps(cell, indent=1))
-    (folder / "run.json").write_text(json.dumps(_plan(infos, keys), indent=1))
+            keys.append(f"{number:032x}{subject:032x}")
+            values = generator.normal(30 + 0.3 * number + 0.1 * subject, 2, size=(len(COLUMNS), frames, len(METRICS)))
+            store.write_cell(_cell(keys[-1], info, subject, values))
+    store.write_run(_plan(infos, keys, frames))
     return folder
 
 
-def _info(name: str, truth: bool) -> dict[str, Any]:
-    told = {"name": name, "title": name.title(), "summary": "made up", "fidelity": "made up", "truth": truth}
-    return {**told, "universal": True, "linear": True, "lights": ["directional"], "preset": "quick", "config": {}}
+def _info(name: str, truth: bool) -> MethodRecord:
+    return MethodRecord(name, name.title(), "made up", truth=truth, linear=True, preset="quick", config={})
 
 
 def _signature(metric: str) -> str:
     return f"{metric}|region:mask|space:srgb|scale:none|mask:alpha>0.5|v1"
 
 
-def _queries(subject: int, column: str) -> list[str]:
-    return [f"s{subject:02d}/pose-{i % 4}/camera-{i % 3}/{column}-{i}" for i in range(FRAMES)]
+def _queries(subject: int, column: str, frames: int) -> list[str]:
+    return [f"s{subject:02d}/pose-{i % 4}/camera-{i % 3}/{column}-{i}" for i in range(frames)]
 
 
-def _cell(subject: int, values: np.ndarray) -> dict[str, Any]:
-    places = [(c, q, m) for c in COLUMNS for q in _queries(subject, c) for m in METRICS]
-    scores = [
-        {"column": c, "query": q, "kind": "olat", "metric": _signature(m), "value": value, "reason": None}
-        for (c, q, m), value in zip(places, values.tolist(), strict=True)
-    ]
-    spread = {"median": 4.0, "min": 3.0, "max": 6.0, "n": 12, "values": [4.0] * 12}
-    times = {
-        "train_s": 40.0,
-        "personalise_s": 0.2,
-        "new_pose_ms": {"olat": spread},
-        "known_pose_ms": {"olat": spread},
-        "score_s": 3.0,
-    }
-    device = {"cpu": "made up", "cores": 2, "threads": 2, "memory_gb": 8.0, "gpus": [], "networks": "cpu"}
-    about = {"subject": f"s{subject:02d}", "seed": 0, "device": device, "laws": {"linearity": 1e-7}}
-    return {**about, "times": times, "same_pixels": True, "predictions": None, "error": None, "scores": scores}
+def _cell(key: str, info: MethodRecord, subject: int, values: np.ndarray) -> CellRecord:
+    scores = tuple(
+        ScoredFrame(column, query, "olat", tuple(of_query))
+        for column, of_column in zip(COLUMNS, values.tolist(), strict=True)
+        for query, of_query in zip(_queries(subject, column, values.shape[1]), of_column, strict=True)
+    )
+    spread = Spread(4.0, 3.0, 6.0, 12, (4.0,) * 12)
+    times = Times(40.0, 0.2, {"olat": spread}, {"olat": spread}, score_s=3.0)
+    about = {"device": DEVICE, "laws": Laws(linearity=1e-7), "same_pixels": True}
+    return CellRecord(key, info, f"s{subject:02d}", 0, tuple(map(_signature, METRICS)), scores, times, **about)
 
 
-def _plan(infos: list[dict[str, Any]], keys: list[str]) -> dict[str, Any]:
-    columns = [
-        {"name": c, "title": c.capitalize(), "queries": [q for s in range(SUBJECTS) for q in _queries(s, c)]}
-        for c in COLUMNS
-    ]
-    kinds = [(name, not name.startswith(("lpips", "flip"))) for name in METRICS]
-    metrics = [
-        {"name": n, "title": n.upper(), "signature": _signature(n), "higher_is_better": h, "unit": "", "decimals": 2}
-        for n, h in kinds
-    ]
-    protocol = {"name": "made-up", "version": 1, "title": "Made up", "digest": "d" * 64, "columns": columns}
-    return {
-        "schema": 1,
-        "protocol": {**protocol, "metrics": [{**metric, "latex": metric["title"]} for metric in metrics]},
-        "methods": infos,
-        "seeds": [0],
-        "capture": {"name": "made-up", "size": "large", "digest": "c" * 16},
-        "cells": keys,
-        "provenance": {"version": "0", "git": None, "device": {}, "command": "", "started": ""},
-    }
+def _plan(infos: list[MethodRecord], keys: list[str], frames: int) -> RunRecord:
+    columns = tuple(
+        ColumnRecord(name, name.capitalize(), tuple(q for s in range(SUBJECTS) for q in _queries(s, name, frames)))
+        for name in COLUMNS
+    )
+    metrics = tuple(
+        MetricRecord(name, name.upper(), _signature(name), not name.startswith(("lpips", "flip")), "", name.upper(), 2)
+        for name in METRICS
+    )
+    protocol = ProtocolRecord("made-up", 1, "Made up", "d" * 64, columns, metrics)
+    capture = CaptureRecord("made-up", "c" * 16, "large")
+    return RunRecord(protocol, tuple(infos), (0,), capture, tuple(keys), Provenance("0", None, "", device=DEVICE))
 
 
 def peek() -> None:
