@@ -35,6 +35,7 @@ LATEX = {
     "–": "--",
     "…": r"\ldots{}",
 }
+_UNSET = re.compile("[\u2400-\u2421\ufffd]")  # what stands for control characters, which LaTeX's fonts do not have
 _MARKDOWN = {**{sign: f"\\{sign}" for sign in "\\|*[]`"}, "<": "&lt;"}
 # What a metric's own LaTeX may hold: letters, signs without a meaning, $ ^ _ { } and these commands.
 _PLAIN = re.compile(r"[A-Za-z0-9 .,:;()/+=$^_{}\\'-]*")
@@ -54,7 +55,7 @@ def one_line(text: str) -> str:
 
 def latex(text: str) -> str:
     """A text as LaTeX prints it."""
-    return "".join(LATEX.get(letter, letter) for letter in one_line(text))
+    return "".join(LATEX.get(letter, letter) for letter in _UNSET.sub("?", one_line(text)))
 
 
 def latex_header(given: str, title: str) -> str:
