@@ -20,12 +20,12 @@ Laws
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, final, get_args
 
-from .errors import InputError, Unsupported
-from .recording import Recording
+from .errors import InputError, Unsupported, unknown_name
+from .recording import NEEDS, Need, Recording
 from .scene import LIGHT_KINDS, Light, LightKind, Prediction, Query, Viewpoint
 
 
@@ -51,6 +51,9 @@ class MethodInfo:
     linear      the method obeys the linear law
     role        "calibration" for a row that tells whether a run is right and competes with none: the truth, the floor
     truth       the enrolment must hold the scored frames themselves; only a calibration row may ask for that
+    needs       what enrolment must give and queries bring along: parts and kinds of frames; a cell that lacks one is
+                refused before anything trains
+    trains_on   the same of the training frames
     lights      the kinds of light it can draw: of "directional", "point", "environment", "unknown"
     fidelity    how a table must describe it, e.g. "faithful reimplementation, trained here"
     timed       its answers are computed when it is asked (False: they were made elsewhere, so no time is told)
@@ -63,6 +66,8 @@ class MethodInfo:
     linear: bool = False
     role: Role = "method"
     truth: bool = False
+    needs: frozenset[Need] = frozenset()
+    trains_on: frozenset[Need] = frozenset()
     lights: frozenset[LightKind] = frozenset({"directional", "environment"})
     fidelity: str = "reference"
     timed: bool = True
@@ -70,10 +75,23 @@ class MethodInfo:
     def __post_init__(self) -> None:
         if odd := sorted(set(self.lights) - LIGHT_KINDS):
             raise InputError(f"method {self.name!r}: lights holds {odd[0]!r}; use {', '.join(sorted(LIGHT_KINDS))}")
+        if strange := sorted((self.needs | self.trains_on) - NEEDS):
+            raise unknown_name(f"need of method {self.name!r}:", strange[0], NEEDS)
         if self.role not in get_args(Role):
             raise InputError(f"method {self.name!r}: role is {self.role!r}; use one of {', '.join(get_args(Role))}")
         if self.truth and self.role != "calibration":
             raise InputError(f'method {self.name!r}: it is given the scored frames; set its role to "calibration"')
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """All of it as JSON values."""
+        return {name: sorted(v) if isinstance(v, frozenset) else v for name, v in asdict(self).items()}
+
+    @classmethod
+    def of(cls, said: dict[str, Any]) -> MethodInfo:
+        """What `said` gave."""
+        sets = {name: frozenset(said[name]) for name in ("lights", "needs", "trains_on")}
+        return cls(**{**said, **sets})
 
 
 class PosedAvatar(ABC):

@@ -8,11 +8,40 @@ from dataclasses import replace
 from typing import Any, Literal, get_args
 
 from .errors import InputError
-from .scene import Frame, FrameKind, Light, Mesh, Observation, Query, Topology, Uncalibrated, Unknown
+from .scene import Frame, FrameKind, Light, Mesh, Observation, Query, Topology, Uncalibrated, Unknown, leaves
 
 Part = Literal["image", "alpha", "camera", "depth", "normal", "uv", "pose", "shape", "mesh", "light"]
 """What can be given of a frame. "uv" is the UVs of meshes and the UV maps of pictures."""
 PARTS: frozenset[Part] = frozenset(get_args(Part))
+
+Need = Literal[Part, FrameKind, "olat or group"]
+"""What a method can need and a capture offer: parts of frames, and kinds of them."""
+NEEDS: frozenset[Need] = frozenset(get_args(Need))
+
+
+def offered(frames: Iterable[Frame]) -> frozenset[Need]:
+    """What frames tell that they have, by themselves: what their pictures have beside colour only a capture can say."""
+    frames = tuple(frames)
+    parts: dict[Need, bool] = {
+        "mesh": all(frame.mesh is not None for frame in frames),
+        "uv": all(frame.mesh is not None and frame.mesh.topology.uvs is not None for frame in frames),
+        "pose": all(frame.pose is not None for frame in frames),
+        "shape": all(frame.shape is not None for frame in frames),
+        "camera": not any(isinstance(frame.camera, Uncalibrated) for frame in frames),
+        "light": not any(isinstance(single, Unknown) for light in _lights(frames) for single in leaves(light)),
+    }
+    parts |= {"image": True, "alpha": True}
+    return frozenset(part for part, there in parts.items() if there) | kinds_of(frames)
+
+
+def kinds_of(frames: Iterable[Frame]) -> frozenset[Need]:
+    """The kinds of frames that there are, as words of `Need`."""
+    kinds: set[Need] = {frame.kind for frame in frames}
+    return frozenset(kinds | {"olat or group"} if kinds & {"olat", "group"} else kinds)
+
+
+def _lights(frames: Iterable[Frame]) -> Iterable[Light]:
+    return {id(frame.light): frame.light for frame in frames}.values()
 
 
 class Recording:

@@ -56,6 +56,8 @@ class Mean(Method):
         title="Mean predictor",
         summary="mean texture under the mean light",
         universal=True,
+        needs=frozenset({"image", "alpha", "camera", "mesh", "uv", "full"}),
+        trains_on=frozenset({"image", "alpha", "full", "olat or group"}),
         role="calibration",
         lights=LIGHT_KINDS,
         fidelity="calibration: the floor",

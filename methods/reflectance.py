@@ -20,6 +20,7 @@ from handbench.errors import InputError, Unsupported, unknown_name
 from handbench.light.lightset import LightSet, light_samples
 from handbench.light.spread import ENVIRONMENT_ERROR
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.recording import Need
 from handbench.render.posed import PosedSurface
 from handbench.render.raster import Raster, rasterise
 from handbench.render.shading import KnownSurface, Model
@@ -46,6 +47,9 @@ class ReflectanceConfig:
     fit_frames: int = 48
     environment_error: float = ENVIRONMENT_ERROR
 
+
+FULLY_LIT: frozenset[Need] = frozenset({"image", "alpha", "camera", "mesh", "uv", "light", "full"})
+"""For the mean texture over the light that made it."""
 
 PRESETS = {
     "quick": ReflectanceConfig(),

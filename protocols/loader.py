@@ -12,6 +12,7 @@ from handbench.bench.protocol import (
     AGGREGATION,
     AXES,
     Column,
+    ColumnLight,
     Enrolment,
     PerIdentity,
     Protocol,
@@ -30,7 +31,7 @@ T = TypeVar("T")
 
 _SELECTION = ("segments", "kinds", "lightings", "poses", "cameras")
 _ENROL = ("count", "gives", "per_identity", *_SELECTION)
-_COLUMN = ("name", "title", "subjects", "shares", "limit", *_SELECTION)
+_COLUMN = ("name", "title", "subjects", "shares", "limit", "light", *_SELECTION)
 _TOP = (
     *("name", "version", "title", "summary", "capture", "size", "subjects", "train", "enrol", "column"),
     *("metrics", "methods", "seeds", "preset", "presets", "aggregation", "sample_seed", "published", "published_note"),
@@ -99,7 +100,8 @@ def _column(owner: str, table: Any, trained: tuple[str, ...], unseen: tuple[str,
             raise unknown_name(f"axis in the shares of {reader.owner}:", axis, AXES)
     selection = _selection(reader.owner, {key: reader.given[key] for key in _SELECTION if key in reader.given})
     limit = reader.whole("limit", least=1) if "limit" in reader.given else None
-    return Column(name, reader.text("title"), subjects, selection, shares, limit)
+    light = reader.choice("light", reader.text("light", default="given"), get_args(ColumnLight))
+    return Column(name, reader.text("title"), subjects, selection, shares, limit, light)
 
 
 def _subjects(column: _Reader, trained: tuple[str, ...], unseen: tuple[str, ...]) -> str | tuple[str, ...]:

@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 from handbench.errors import InputError, Unsupported
+from handbench.method import silent
 from handbench.recording import PARTS, Recording
+from handbench.remote.method import _replies
+from handbench.remote.wire import Codec
 from handbench.render.atlas import Atlas
 from handbench.render.raster import rasterise
 from handbench.scene import Camera, Directional, Frame, Mesh, Observation, Pose, Topology, Unknown, needed
@@ -106,6 +109,16 @@ def test_an_uncalibrated_camera_tells_its_size_alone():
     for ask in (lambda: camera.K, lambda: camera.world_to_camera, lambda: camera.centre):
         with pytest.raises(Unsupported, match="calibration of camera 'front' is not given"):
             ask()
+
+
+def test_nothing_that_is_not_given_goes_over_the_wire():
+    recording = Recording(FRAMES, _observe, frozenset({"image"}))
+    frames = Codec().decode(*Codec().encode(recording.frames))
+    assert len(frames) == 4 and not _secrets(frames)
+    observe = _replies(recording, silent)["observe"]
+    assert not _secrets([observe(frame.key) for frame in frames])
+    with pytest.raises(KeyError):
+        observe(FRAMES[0].key)
 
 
 def test_frames_under_one_light_still_share_it():

@@ -17,7 +17,7 @@ from ..data.capture import Capture, by_key, read
 from ..errors import BadFrame, Changed, StorageError, Unsupported
 from ..method import Avatar, Method, MethodInfo, PosedAvatar, Progress, RecordedAvatar
 from ..recording import Recording
-from ..scene import Frame, Light, Observation, Prediction, kind_of, leaves
+from ..scene import Frame, Light, Observation, Prediction, Query, kind_of, leaves
 from ..skips import tallied
 from . import given
 from .failure import Failure, failure
@@ -125,6 +125,8 @@ def _compute(
         "score_s": 0.0,
     }
     try:
+        if refusal := given.refusal(bench.selected, method.info, cell.subject):
+            raise Unsupported(refusal)
         training = steps(f"{cell.method} seed {cell.seed}: train")
         prior, times["train_s"] = bench.priors.get(
             cell.prior, method, bench.training, cell.seed, training, bench.lender.check
@@ -152,8 +154,8 @@ class _Drawing:
     seconds         of everything that was drawn
     """
 
-    def __init__(self, reader: CaptureReader, info: MethodInfo, avatar: Avatar) -> None:
-        self._reader, self._info, self._avatar = reader, info, avatar
+    def __init__(self, reader: CaptureReader, ask: Callable[[Frame], Query], info: MethodInfo, avatar: Avatar) -> None:
+        self._reader, self._ask, self._info, self._avatar = reader, ask, info, avatar
         self._key = ""
         self._posed: PosedAvatar | Failure
         self.new_pose_ms: dict[str, list[float]] = {}
@@ -169,32 +171,34 @@ class _Drawing:
         return self._checked(frame, self._recorded if isinstance(self._avatar, RecordedAvatar) else self._new)
 
     def _recorded(self, frame: Frame) -> Prediction:
-        return self._avatar.relight(frame.query)
+        return self._avatar.relight(self._ask(frame))
 
     def _new(self, frame: Frame) -> Prediction:
+        asked = self._ask(frame)
         start = time.perf_counter()
-        prediction = self._avatar.pose(frame.viewpoint).relight(frame.light)
+        prediction = self._avatar.pose(asked.viewpoint).relight(asked.light)
         self.new_pose_ms.setdefault(frame.kind, []).append((time.perf_counter() - start) * 1e3)
         return prediction
 
     def _shared(self, frame: Frame) -> Prediction | Failure:
+        asked = self._ask(frame)
         start, times = time.perf_counter(), self.known_pose_ms
         if self._key != frame.viewpoint.key:
             self._key, times = frame.viewpoint.key, self.new_pose_ms
             try:
-                self._posed = self._avatar.pose(frame.viewpoint)
+                self._posed = self._avatar.pose(asked.viewpoint)
             except BaseException as error:  # for all lights of the viewpoint
                 self._posed = blame(error, self._reader)
         if isinstance(self._posed, Failure):
             return self._posed
-        prediction = self._posed.relight(frame.light)
+        prediction = self._posed.relight(asked.light)
         times.setdefault(frame.kind, []).append((time.perf_counter() - start) * 1e3)
         return prediction
 
     def _checked(self, frame: Frame, draw: Callable[[Frame], Prediction | Failure]) -> Prediction | Failure:
         start = time.perf_counter()
         try:
-            if refusal := light_refusal(self._info, frame.light):
+            if refusal := light_refusal(self._info, self._ask(frame).light):
                 raise Unsupported(refusal)
             answer = draw(frame)
             self.seconds += time.perf_counter() - start
@@ -228,8 +232,9 @@ def _relight(
 ) -> tuple[dict[str, Any], Callable[[], dict[str, Any]]]:
     """Draw and score in chunks. The picture that is timed first is the one that is scored."""
     frames = list({frame.key: frame for _, frame in scored}.values())
-    drawable = [frame for frame in frames if light_refusal(info, frame.light) is None]
-    warming, drawing = (_Drawing(bench.reader, info, avatar) for _ in range(2))
+    ask = partial(given.asked, bench.selected, info)
+    drawable = [frame for frame in frames if light_refusal(info, ask(frame).light) is None]
+    warming, drawing = (_Drawing(bench.reader, ask, info, avatar) for _ in range(2))
     # what a first call loads or compiles stays off the clock
     for frame in {frame.kind: frame for frame in drawable}.values():
         warming.anew(frame)
@@ -265,9 +270,10 @@ def _relight(
     times["relight_s"] += warming.seconds + drawing.seconds
     flat = [{**score, "column": column} for column, frame in scored for score in scores[frame.key]]
     result = {"times": times, "scores": flat, "same_pixels": same, "predictions": kept, "error": trace}
-    if info.truth or not drawable:
+    lit = [frame for frame in drawable if frame.key not in bench.selected.as_enrolled]
+    if info.truth or not lit:
         return result, dict
-    return result, partial(measured, avatar, drawable, frames[-1].query)
+    return result, partial(measured, avatar, lit, ask(frames[-1]))
 
 
 def _repeated(frames: Sequence[Frame]) -> set[str]:

@@ -55,10 +55,15 @@ def check(name: str, protocol: Protocol, preset: str | None = None, data: Path |
 def check_method(method: Method, protocol: Protocol, capture: Capture) -> list[Verdict]:
     """`check` for a method and a capture in hand."""
     with isolated():
-        return _tried(method, protocol, resolve(protocol, capture.frames()), CaptureReader(capture))
+        return _tried(method, protocol, resolve(protocol, capture.frames(), capture.offers), CaptureReader(capture))
 
 
 def _tried(method: Method, protocol: Protocol, selected: Selected, reader: CaptureReader) -> list[Verdict]:
+    subjects = protocol.subjects
+    refused = [why for s in subjects if (why := given.refusal(selected, method.info, s))]
+    if len(refused) == len(subjects):
+        return [Verdict("needs", False, refused[0])]
+    verdicts = [Verdict("needs", None, why) for why in refused]
     try:
         trial = _Trial(method, protocol, selected, reader)
     except BaseException as error:
@@ -71,7 +76,6 @@ def _tried(method: Method, protocol: Protocol, selected: Selected, reader: Captu
         "round trip": trial.round_trip,
         "linear": trial.linear,
     }
-    verdicts = []
     for law, tried in laws.items():
         try:
             verdicts.append(tried())
@@ -124,7 +128,7 @@ class _Trial:
         self.selected = self.lender.lend(selected, method.info.name)
         self.watched = _Watched(reader)
         scored = {frame.key: frame for frames in self.selected.scored.values() for frame in frames}
-        self.queries = [frame.query for frame in scored.values()]
+        self.queries = [given.asked(self.selected, method.info, frame) for frame in scored.values()]
         self.prior = self._train()
         self.avatars = self._avatars(self.prior)
         self.answers = self._answers(self.avatars)
@@ -137,6 +141,8 @@ class _Trial:
         for subject in self.protocol.subjects:
             enrolment = given.enrolment(self.selected, self.method.info, subject, self.watched)
             try:
+                if refusal := given.refusal(self.selected, self.method.info, subject):
+                    raise Unsupported(refusal)
                 avatars[subject] = prior.personalise(enrolment, seed=0)
             except Unsupported as reason:  # e.g. a subject without the frames that a per-identity method trains on
                 avatars[subject] = _Refused(reason)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 from ..method import Method
+from .given import enrolled_with
 from .oldrecord import table
 from .plan import Cell, Plan
 from .protocol import Protocol, Published, Selected
@@ -35,7 +35,10 @@ def run_record(
     firsts = {cell.method: cell for cell in reversed(plan.cells)}
     return RunRecord(
         protocol_record(plan.protocol, tuple(map(_metric, metrics.values())), queries),
-        tuple(method_record(firsts[name], methods[name]) for name in plan.methods),
+        tuple(
+            method_record(firsts[name], methods[name], enrolled_with(selected, methods[name].info))
+            for name in plan.methods
+        ),
         plan.seeds,
         _capture(plan),
         tuple(cell.key for cell in plan.cells),
@@ -44,12 +47,14 @@ def run_record(
     )
 
 
-def cell_record(plan: Plan, cell: Cell, method: Method, origin: Provenance, measured: dict[str, Any]) -> CellRecord:
+def cell_record(
+    plan: Plan, cell: Cell, method: Method, selected: Selected, origin: Provenance, measured: dict[str, Any]
+) -> CellRecord:
     """The file of a cell; `measured` is what `cell.compute` found."""
     protocol = plan.protocol
     about = {
         "key": cell.key,
-        "method": plain(method_record(cell, method)),
+        "method": plain(method_record(cell, method, enrolled_with(selected, method.info, cell.subject))),
         "subject": cell.subject,
         "seed": cell.seed,
         "prior": cell.prior,
@@ -88,9 +93,9 @@ def protocol_record(
     )
 
 
-def method_record(cell: Cell, method: Method) -> MethodRecord:
-    """A method as a cell has it."""
-    info = {**asdict(method.info), "name": cell.method, "lights": sorted(method.info.lights)}
+def method_record(cell: Cell, method: Method, enrolment: str = "") -> MethodRecord:
+    """A method as a cell has it, with what enrolment gave it."""
+    info = {**method.info.said, "name": cell.method, "enrolment": enrolment}
     return read(MethodRecord, plain({**info, "preset": cell.preset, "config": method.config}))
 
 

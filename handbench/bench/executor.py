@@ -23,7 +23,7 @@ from ..memory import keep_freed_memory
 from ..method import Method, Progress
 from ..metricspec import MetricSpec
 from ..registry import CAPTURES, METRICS, Entry
-from .plan import Cell, Plan, make_method, make_plan, method_entries
+from .plan import Cell, Plan, make_method, make_plan, method_entries, refusals
 from .progress import Steps
 from .protocol import Protocol, resolve
 from .record import CellRecord, Provenance
@@ -101,9 +101,14 @@ class Site:
         from .priors import Priors
 
         store, tools = self.job.store, self.tools
-        selected = resolve(self.plan.protocol, self.capture.frames())
+        selected = resolve(self.plan.protocol, self.capture.frames(), self.capture.offers)
         reader, priors = CaptureReader(self.capture), Priors(store)
         return Bench(self.plan.protocol, selected, reader, store, priors, tools.metrics, tools.metrics_module)
+
+    @cached_property
+    def refused(self) -> dict[str, str]:
+        """Why cells are refused before anything trains, by their keys."""
+        return refusals(self.plan, self.bench.selected, self.tools.methods)
 
     @cached_property
     def origin(self) -> Provenance:
@@ -173,5 +178,5 @@ def _compute(site: Site, cell: Cell, told: Steps) -> None:
 
     store, method = site.bench.store, site.tools.methods[cell.method]
     result = compute(site.bench, cell, method, told)
-    store.write_cell(cell_record(site.plan, cell, method, site.origin, result))
+    store.write_cell(cell_record(site.plan, cell, method, site.bench.selected, site.origin, result))
     store.remove_checkpoints(cell.key)

@@ -31,8 +31,9 @@ from ..errors import HandbenchError, InputError
 from ..method import Method
 from ..metricspec import MetricSpec
 from ..registry import METHODS, METRICS, Entry
+from .given import refusal
 from .isolation import isolated
-from .protocol import Protocol, digest
+from .protocol import Protocol, Selected, digest
 from .source import source_digests
 
 _PACKAGES = ("torch", "jax", "mitsuba")  # whose releases change what methods and captures compute
@@ -173,6 +174,12 @@ def make_plan(
                 key = digest([prior, protocol.digest, scoring, subject])
                 cells.append(Cell(key, prior, name, chosen, subject, seed))
     return Plan(protocol, capture_digest, names, seeds, tuple(cells))
+
+
+def refusals(plan: Plan, selected: Selected, methods: Mapping[str, Method]) -> dict[str, str]:
+    """Why cells cannot be tried, by their keys: what their methods need is not given. Nothing trains for them."""
+    found = {cell.key: refusal(selected, methods[cell.method].info, cell.subject) for cell in plan.cells}
+    return {key: reason for key, reason in found.items() if reason}
 
 
 def default_methods(protocol: Protocol, extra: Sequence[Entry] = ()) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from typing import Any, Literal, assert_never
 import numpy as np
 
 from ..errors import InputError
-from ..recording import PARTS, Part
+from ..recording import PARTS, Need, Part, offered
 from ..scene import Array, Directional, Environment, Frame, Light, Point, Single, Unknown, kind_of, leaves
 
 # What a scored frame can have in common with training; a column declares in `shares` what it shares on purpose.
@@ -48,6 +48,7 @@ class Selection:
 
 
 PerIdentity = Literal["train", "enrol"]
+ColumnLight = Literal["given", "as enrolled"]
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,8 @@ class Enrolment:
 class Column:
     """A group of scored frames that answers one question; `limit` caps how many, None scores all.
 
-    `subjects` is "trained", "unseen", or names of subjects of one of these groups.
+    `subjects` is "trained", "unseen", or names of subjects of one of these groups. `light` "as enrolled" asks for
+    frames under the one light that enrolment shows the subject in, of which a query tells nothing.
     """
 
     name: str
@@ -86,6 +88,13 @@ class Column:
     frames: Selection
     shares: tuple[str, ...] = ()
     limit: int | None = None
+    light: ColumnLight = "given"
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """What of it decides a score, as JSON values; the usual light is left out, so that it changes no digest."""
+        said = {**asdict(self), "title": None}
+        return said if self.light != "given" else {name: value for name, value in said.items() if name != "light"}
 
 
 @dataclass(frozen=True)
@@ -158,7 +167,7 @@ class Protocol:
     @cached_property
     def digest(self) -> str:
         """Digest of everything that decides a score: not titles, default methods, seeds, presets, published numbers."""
-        columns = [{**asdict(column), "title": None} for column in self.columns]
+        columns = [column.said for column in self.columns]
         said = [self.name, self.version, self.training_digest, self.unseen, self.enrol.said, columns]
         return digest([*said, self.metrics, self.sample_seed])
 
@@ -167,13 +176,20 @@ class Protocol:
 class Selected:
     """A protocol applied to a capture: frames of training, of enrolment, and scored ones by column name.
 
-    They are whole; `bench.given` says what a method sees of them.
+    They are whole; `bench.given` says what a method sees of them. `offers` is what the capture has.
     """
 
     protocol: Protocol
     train: tuple[Frame, ...]
     enrol: tuple[Frame, ...]
     scored: dict[str, tuple[Frame, ...]]
+    offers: frozenset[Need] = frozenset()
+
+    @cached_property
+    def as_enrolled(self) -> frozenset[str]:
+        """Keys of the scored frames that are asked for under the light as enrolled."""
+        names = {column.name for column in self.protocol.columns if column.light == "as enrolled"}
+        return frozenset(frame.key for name, frames in self.scored.items() if name in names for frame in frames)
 
 
 def digest(content: Any) -> str:
@@ -181,8 +197,8 @@ def digest(content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def resolve(protocol: Protocol, frames: Iterable[Frame]) -> Selected:
-    """Choose the frames a protocol names.
+def resolve(protocol: Protocol, frames: Iterable[Frame], offers: frozenset[Need] | None = None) -> Selected:
+    """Choose the frames a protocol names; `offers` is what their capture has, None for what the frames tell.
 
     Raises `InputError` for a subject the capture lacks, a selection without frames, a subject that cannot be
     enrolled, and a column that has in common with training what it does not declare in `shares`. Lights are
@@ -205,8 +221,18 @@ def resolve(protocol: Protocol, frames: Iterable[Frame]) -> Selected:
         if not chosen:
             raise InputError(f"{owner}: column {column.name!r} selects no frame; check its segments and lightings")
         _check_sharing(owner, column, chosen, train, enrol)
+        if column.light == "as enrolled":
+            _check_enrolled_light(owner, column, chosen, enrol)
         scored[column.name] = sample(chosen, column.limit, protocol.sample_seed)
-    return Selected(protocol, train, enrol, scored)
+    selected = Selected(protocol, train, enrol, scored, offered(frames) if offers is None else offers)
+    for column in protocol.columns:
+        both = [f.key for f in scored[column.name] if column.light == "given" and f.key in selected.as_enrolled]
+        if both:
+            raise InputError(
+                f"{owner}: column {column.name!r} gives the light of {both[0]}, which another column asks for "
+                "under the light as enrolled; select other frames in one of them"
+            )
+    return selected
 
 
 def _enrolled(owner: str, protocol: Protocol, frames: Sequence[Frame]) -> tuple[Frame, ...]:
@@ -241,6 +267,22 @@ def _check_sharing(
     again = sorted(f"{f.pose_key} under {f.lighting}" for f in scored if (f.pose_key, f.lighting) in seen)
     if again and set(column.shares) != set(AXES):
         raise InputError(f"{owner}: column {column.name!r} scores {again[0]}, which enrolment shows; select others")
+
+
+def _check_enrolled_light(owner: str, column: Column, scored: Sequence[Frame], enrol: Sequence[Frame]) -> None:
+    for subject in dict.fromkeys(frame.subject for frame in scored):
+        shown = sorted({frame.lighting for frame in enrol if frame.subject == subject})
+        if len(shown) > 1:
+            raise InputError(
+                f"{owner}: column {column.name!r} asks for the light as enrolled, but enrolment shows {subject} under "
+                f"{', '.join(shown[:3])}; select one lighting in [enrol]"
+            )
+        odd = sorted({frame.lighting for frame in scored if frame.subject == subject} - set(shown))
+        if odd:
+            raise InputError(
+                f"{owner}: column {column.name!r} asks for the light as enrolled and selects {odd[0]}, but enrolment "
+                f"shows {subject} under {shown[0]}; select that lighting"
+            )
 
 
 def _common_lights(scored: Iterable[Frame], seen: Iterable[Frame]) -> set[str]:

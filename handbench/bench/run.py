@@ -26,7 +26,8 @@ class Outcome:
     """What a run did.
 
     `computed` and `reused` count cells, of the shard if it was one; `crashed` names those whose method crashed, and
-    why; `missing` names those of other shards that are not there yet: without any, a report is complete.
+    why; `refused` names those computed now whose method needs what is not given, and why; `missing` names those of
+    other shards that are not there yet: without any, a report is complete.
     """
 
     folder: Path
@@ -34,6 +35,7 @@ class Outcome:
     reused: int
     crashed: tuple[str, ...]
     missing: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
 
 
 def find_protocol(name: str) -> Protocol:
@@ -89,12 +91,14 @@ def run(
         cells = plan.cells if shard is None else shard.of(plan.cells)
         missing = [cell for cell in cells if not finished(job.store.cell(cell.key))]
         done = Done()
+        refused: tuple[str, ...] = ()
         if missing or not _refresh(job.store, plan):
             site = Site(job, plan, tools or job.make_tools(), capture)
             _announce(site, shard)
+            refused = tuple(f"{cell.label}: {site.refused[cell.key]}" for cell in missing if cell.key in site.refused)
             done = _execute(site, missing, told, executor, cpus)
             job.store.sweep()  # of those that were killed meanwhile
-    return _outcome(folder, job.store, plan, cells, missing, done)
+    return replace(_outcome(folder, job.store, plan, cells, missing, done), refused=refused)
 
 
 def _outcome(

@@ -63,6 +63,8 @@ def _run(arguments: argparse.Namespace) -> int:
         say("the report is written by the shard that finishes last, or by the same command without --shard")
     else:
         say(f"report: {page}")
+    for refused in outcome.refused:
+        say(f"not tried: {refused}")
     for crash in outcome.crashed:
         complain(f"handbench: {crash}")
     return 1 if outcome.crashed else 0

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..errors import BadFrame, HandbenchError, InputError, StorageError
 from ..method import Progress, silent
-from ..recording import Recording
+from ..recording import Need, Recording, offered
 from ..registry import CAPTURES
 from ..scene import Frame, Observation
 
@@ -37,6 +37,11 @@ class Capture(ABC):
     @abstractmethod
     def frames(self) -> tuple[Frame, ...]:
         """All frames in a fixed order; `Frame.key` is unique."""
+
+    @property
+    def offers(self) -> frozenset[Need]:
+        """What its frames have. A capture whose pictures have depth, normal or UV maps adds them."""
+        return offered(self.frames())
 
     @abstractmethod
     def observe(self, frame: Frame) -> Observation:

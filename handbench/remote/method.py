@@ -59,7 +59,7 @@ class RemoteMethod(Method):
         self._start = (python, path, limits)
         self._target, self._settings = target, settings
         self._worker, told = self._started()
-        self.info = MethodInfo(**{**told["info"], "lights": frozenset(told["info"]["lights"])})
+        self.info = MethodInfo.of(told["info"])
         self._config = {**told["config"], "interpreter": {"target": target, **told["ran_by"]}}
 
     @property

@@ -6,7 +6,7 @@ import importlib
 import platform
 import sys
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -67,9 +67,8 @@ class _Desk:
     def _create(self, target: str, settings: dict[str, str]) -> dict[str, Any]:
         module, _, attribute = target.partition(":")
         self._method = getattr(importlib.import_module(module), attribute)(**settings)
-        info = asdict(self._method.info)
         ran_by = {"python": platform.python_version(), "packages": _loaded(), "source": source_digest(target)}
-        return {"info": {**info, "lights": sorted(info["lights"])}, "config": self._method.config, "ran_by": ran_by}
+        return {"info": self._method.info.said, "config": self._method.config, "ran_by": ran_by}
 
     def _train(self, frames: list[Frame], seed: int) -> int:
         return self._hold(self._method.train(self._recording(frames), seed, self._progress))

@@ -88,6 +88,8 @@ class TrackedMethod(Method):
             told,
             name=f"{told.name}-tracked",
             title=f"{told.title}, tracked",
+            needs=told.needs | {"mesh", "pose", "depth", "full"},
+            trains_on=told.trains_on | {"image", "alpha", "camera", "mesh", "pose", "depth", "full"},
             summary=f"{told.summary}; meshes of the hand geometry autoencoder",
         )
 

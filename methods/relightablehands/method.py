@@ -35,6 +35,7 @@ INFO = MethodInfo(
     title="RelightableHands",
     summary="one identity's texture decoder on a mesh, one pass a light, summed",
     linear=True,
+    needs=frozenset({"image", "alpha", "camera", "mesh", "uv", "pose", "light", "olat or group"}),
     lights=frozenset({"directional", "point", "environment"}),
     fidelity="reimplementation on a mesh, trained here on open data",
 )

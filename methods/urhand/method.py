@@ -20,7 +20,7 @@ from handbench.scene import KNOWN_LIGHTS, Light, Prediction, Viewpoint, needed
 from ..ablations import ABLATIONS
 from ..nets.weights import load_state, save_state
 from ..picture import prediction
-from ..reflectance import normalised_texture
+from ..reflectance import FULLY_LIT, normalised_texture
 from ..views import visibility
 from . import lighting
 from .config import Config, configuration
@@ -32,6 +32,8 @@ INFO = MethodInfo(
     title="URHand",
     summary="universal prior: physical branch, neural branch with a linear lighting network",
     universal=True,
+    needs=FULLY_LIT | {"pose"},
+    trains_on=FULLY_LIT | {"pose", "olat or group"},
     linear=True,
     lights=KNOWN_LIGHTS,
     fidelity="faithful reimplementation trained here on open data",

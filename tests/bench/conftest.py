@@ -26,7 +26,17 @@ NAMES = (
         "toy-small",
         "toy-directional",
     ),
-    *("toy-square", "toy-forgetful", "toy-mutates", "toy-lossy", "toy-unseeded", "toy-identity", "toy-full-disk"),
+    *(
+        "toy-square",
+        "toy-forgetful",
+        "toy-mutates",
+        "toy-lossy",
+        "toy-unseeded",
+        "toy-identity",
+        "toy-full-disk",
+        "toy-estimates",
+        "toy-needy",
+    ),
 )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...memory import physical_memory
+from ...recording import Need
 from ...scene import Array, Camera, Directional, Environment, Frame, Group, Light, Mesh, Observation, Pose, Topology
 from ..arrays import read_arrays
 from ..capture import Capture
@@ -56,6 +57,10 @@ class OpenStage(Capture):
 
     def frames(self) -> tuple[Frame, ...]:
         return self._frames
+
+    @property
+    def offers(self) -> frozenset[Need]:
+        return super().offers | {"depth", "normal"}
 
     def observe(self, frame: Frame) -> Observation:
         camera = frame.camera

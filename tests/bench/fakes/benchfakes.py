@@ -26,6 +26,7 @@ from handbench.scene import (
     Pose,
     Prediction,
     Topology,
+    Unknown,
     Viewpoint,
     leaves,
 )
@@ -88,8 +89,10 @@ def brightness(light: Light) -> np.ndarray:
 
 
 class ToyAvatar(Avatar):
-    def __init__(self, name: str, gain: float, subject: str) -> None:
-        self._name, self._gain, self._subject = name, gain, subject
+    """`own` is the brightness (3,) of the light that it was enrolled under, as it estimates it."""
+
+    def __init__(self, name: str, gain: float, subject: str, own: np.ndarray) -> None:
+        self._name, self._gain, self._subject, self._own = name, gain, subject, own
         self._asked = 0
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
@@ -100,7 +103,8 @@ class ToyAvatar(Avatar):
         self._asked += 1
         if STOP_AT.get(self._name) == CALLS[f"{self._name} relight"]:
             raise KeyboardInterrupt
-        image = np.full((8, 8, 3), 1.0) * brightness(light) * self._gain
+        power = self._own if isinstance(light, Unknown) else brightness(light)
+        image = np.full((8, 8, 3), 1.0) * power * self._gain
         alpha = np.ones((8, 8))
         match self._name:
             case "toy-nan" if viewpoint.camera.name == "side":
@@ -142,9 +146,9 @@ class ToyPrior(Prior):
         (subject,) = enrolment.subjects
         kinds = {frame.kind for frame in enrolment.frames}
         CALLS[f"{self._name} enrolled with {'+'.join(sorted(kinds))}"] += 1
-        for frame in enrolment.frames:
-            enrolment.observe(frame)
-        return ToyAvatar(self._name, self._gain, subject)
+        seen = [enrolment.observe(frame) for frame in enrolment.frames]
+        own = np.mean([each.image.mean((0, 1)) for each in seen], axis=0)
+        return ToyAvatar(self._name, self._gain, subject, own)
 
     def save(self, folder: Path) -> None:
         if self._name == "toy-full-disk":
@@ -158,7 +162,10 @@ class Toy(Method):
         linear = name in ("toy", "toy-square")
         lights = frozenset({"directional"} if name == "toy-directional" else {"directional", "environment"})
         universal = name != "toy-identity"
-        self.info = MethodInfo(name, name.title(), "for tests", universal=universal, linear=linear, lights=lights)
+        lights |= {"unknown"} if name == "toy-estimates" else set()
+        needs = frozenset({"depth"} if name == "toy-needy" else ())
+        about = {"universal": universal, "linear": linear, "lights": lights, "needs": needs}
+        self.info = MethodInfo(name, name.title(), "for tests", **about)
         self._config = config
 
     @property

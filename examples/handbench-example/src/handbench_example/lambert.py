@@ -66,6 +66,7 @@ class Lambert(Method):
         title="Lambert",
         summary="mean texture on a Lambertian surface without shadows",
         universal=True,
+        needs=frozenset({"image", "alpha", "camera", "mesh", "uv", "light", "full"}),
         linear=True,
     )
 
