@@ -85,7 +85,7 @@ def _made(hint: Any) -> _Reader:
     if is_dataclass(hint):
         return _record(hint)
     if origin is Annotated:
-        return _ruled(reader(arguments[0]), *arguments[1:])
+        return _ruled(reader(arguments[0]), arguments[1])
     if origin is Literal:
         return _ruled(lambda value: value, Rule(f"one of {', '.join(map(repr, arguments))}", _among(arguments)))
     if origin in (Union, types.UnionType):
@@ -163,12 +163,13 @@ def _among(values: tuple[Any, ...]) -> Callable[[Any], bool]:
     return lambda value: any(type(value) is type(each) and value == each for each in values)
 
 
-def _ruled(inner: _Reader, *rules: Rule) -> _Reader:
+def _ruled(inner: _Reader, rule: Rule) -> _Reader:
+    holds = rule.holds
+
     def read(value: Any) -> Any:
         found = inner(value)
-        for rule in rules:
-            if not rule.holds(found):
-                raise _wrong(value, rule.told)
+        if not holds(found):
+            raise _wrong(value, rule.told)
         return found
 
     return read
@@ -178,6 +179,9 @@ def _union(hints: tuple[Any, ...]) -> _Reader:
     """`X | None` is told as X; of other unions the last one's complaint is."""
     optional = type(None) in hints
     readers = [reader(hint) for hint in hints if hint is not type(None)]
+    if optional and len(readers) == 1:
+        one = readers[0]
+        return lambda value: None if value is None else one(value)
 
     def read(value: Any) -> Any:
         if value is None and optional:
@@ -189,7 +193,7 @@ def _union(hints: tuple[Any, ...]) -> _Reader:
                 continue
         return readers[-1](value)
 
-    return readers[0] if not optional and len(readers) == 1 else read
+    return read
 
 
 def _list(item: _Reader) -> _Reader:
@@ -298,7 +302,7 @@ def _words(hint: Any) -> str:
     if hint in simple:
         return simple[hint]
     if origin is Annotated:
-        return f"{_words(arguments[0])} ({', '.join(rule.told for rule in arguments[1:])})"
+        return f"{_words(arguments[0])} ({arguments[1].told})"
     if origin is Literal:
         return ", ".join(f"`{json.dumps(each)}`" for each in arguments)
     if origin in (Union, types.UnionType):
