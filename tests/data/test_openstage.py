@@ -20,7 +20,7 @@ from handbench.data.openstage.capture import OpenStage
 from handbench.data.openstage.make import TRACKING_NOISE, make, smooth_noise
 from handbench.data.openstage.stage import ENVIRONMENT_IRRADIANCE, lightings
 from handbench.errors import BadFrame, InputError, StorageError
-from handbench.hand import OpenHand
+from handbench.hand.openhand import OpenHand
 from handbench.light.environment import solid_angles
 from handbench.render.raster import rasterise
 from handbench.scene import Environment, leaves

@@ -11,7 +11,7 @@ from handbench.data.openstage.places import places
 from handbench.data.openstage.skin import Skin, SkinLook, make_skin
 from handbench.data.openstage.tattoo import TATTOOS
 from handbench.errors import InputError
-from handbench.hand import OpenHand
+from handbench.hand.openhand import OpenHand
 
 SIZE = 256
 HAND = OpenHand.load()

@@ -10,7 +10,7 @@ from handbench.data.openstage.presets import preset
 from handbench.data.openstage.stage import cameras
 from handbench.data.texture import mean_texture
 from handbench.errors import Unsupported
-from handbench.hand import OpenHand, named_pose
+from handbench.hand.openhand import OpenHand, named_pose
 from handbench.method import Recording
 from handbench.render.atlas import Atlas
 from handbench.render.raster import rasterise

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from handbench.errors import InputError
-from handbench.hand import Identity, OpenHand, named_pose, sample_pose
+from handbench.hand.openhand import Identity, OpenHand, named_pose, sample_pose
 from handbench.scene import Pose
 
 

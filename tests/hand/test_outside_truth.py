@@ -7,7 +7,7 @@ import pymeshlab
 import pytest
 
 from handbench.data.openstage.make import TRACKING_NOISE, smooth_noise
-from handbench.hand import OpenHand, named_pose, sample_pose
+from handbench.hand.openhand import OpenHand, named_pose, sample_pose
 from handbench.scene import Mesh
 
 

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from handbench.errors import InputError
-from handbench.hand import OpenHand, named_pose, sample_pose
 from handbench.hand.collision import TOLERANCE, penetration, relaxed
-from handbench.hand.poses import NAMED
+from handbench.hand.openhand import OpenHand, named_pose, sample_pose
+from handbench.hand.openhand.poses import NAMED
 from handbench.scene import Pose
 
 

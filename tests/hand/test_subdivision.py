@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from handbench.hand import OpenHand
+from handbench.hand.openhand import OpenHand
 from handbench.hand.subdivision import catmull_clark, linear
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)

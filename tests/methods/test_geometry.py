@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from handbench.data.capture import Capture
 from handbench.data.openstage import open_capture
 from handbench.errors import InputError, Unsupported
-from handbench.hand import OpenHand, sample_pose
+from handbench.hand.openhand import OpenHand, sample_pose
 from handbench.method import Recording
 from handbench.methods.geometry import GeometryPrior, Tracker, Tracking, create
 from handbench.methods.geometry.config import Config

@@ -16,7 +16,7 @@ from handbench.bench.protocol import Selected, resolve
 from handbench.bench.run import find_protocol, run
 from handbench.data.capture import Capture
 from handbench.errors import InputError, NonFinite, Unsupported
-from handbench.hand.model import OpenHand
+from handbench.hand.openhand.model import OpenHand
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.methods.geometry.config import Config
 from handbench.methods.geometry.method import TrackedMethod, TrackedPrior

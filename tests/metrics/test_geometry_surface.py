@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handbench.errors import InputError
-from handbench.hand import OpenHand
+from handbench.hand.openhand import OpenHand
 from handbench.metrics import Pair, metric
 from handbench.metrics.geometry.surface import POINTS, Surface, gaps, surface_distances
 from handbench.scene import Array, Mesh, Pose, Topology

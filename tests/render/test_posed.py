@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from handbench.hand import OpenHand, named_pose
+from handbench.hand.openhand import OpenHand, named_pose
 from handbench.light.lightset import LightSet, light_samples
 from handbench.render.posed import PosedSurface
 from handbench.render.shadowmap import soft_visibility

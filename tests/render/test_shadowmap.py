@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handbench.errors import InputError
-from handbench.hand import OpenHand, named_pose
+from handbench.hand.openhand import OpenHand, named_pose
 from handbench.light.stage import stage_directions
 from handbench.render.atlas import Atlas
 from handbench.render.rays import RayScene

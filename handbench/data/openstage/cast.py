@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...hand import Identity, OpenHand, named_pose, sample_pose
 from ...hand.collision import relaxed
+from ...hand.openhand import Identity, OpenHand, named_pose, sample_pose
 from ...scene import Pose
 from .presets import Preset
 from .skin import SkinLook

@@ -16,7 +16,7 @@ import scipy.sparse
 
 from ...errors import InputError, StorageError
 from ...files import whole, writing
-from ...hand import OpenHand
+from ...hand.openhand import OpenHand
 from ...method import Progress, silent
 from ...render.llvm import VECTORISED
 from ...render.pathtrace import PathTracer, TracedSurface, choose_variant, displace

@@ -10,8 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...hand import OpenHand
-from ...hand.template import FINGERS
+from ...hand.openhand import OpenHand
+from ...hand.openhand.template import FINGERS
 from ...render.atlas import Atlas
 from ...render.surface import vertex_normals
 from ...scene import Array

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ...hand import Identity, OpenHand
-from ...hand.template import FINGERS
+from ...hand.openhand import Identity, OpenHand
+from ...hand.openhand.template import FINGERS
 from ...scene import Array
 from .creases import finger_lines, knuckle_folds, palm_lines, tendons, veins
 from .noise import Noise

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import InputError, unknown_name
-from ..scene import Pose
+from ...errors import InputError, unknown_name
+from ...scene import Pose
 from .anatomy import joint_limits
 from .template import FINGERS, load_template
 

@@ -10,14 +10,14 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from ..errors import InputError, unknown_name
-from ..scene import Pose, Topology
-from . import subdivision
+from ...errors import InputError, unknown_name
+from ...scene import Pose, Topology
+from .. import subdivision
+from ..handmodel import HandModel, Side, vector
+from ..skinning import proportion
 from .anatomy import bone_ends, joint_frames, joint_limits
-from .handmodel import HandModel, Side, vector
 from .identity import Identity
 from .poses import named_pose, sample_pose
-from .skinning import proportion
 from .template import FINGERS, Template, load_template
 
 SHORTEST, LONGEST = 0.16, 0.21  # wrist to middle finger tip of adults, metres
@@ -28,7 +28,7 @@ class OpenHand(HandModel):
 
     A shape is an `Identity`, or its numbers as one vector. Vertices of level l are those of l Catmull–Clark steps on
     the posed coarse mesh; UVs are subdivided linearly, so a point of the skin keeps its UV at every level. Axis-angle
-    components are explained in `handbench.hand.anatomy`.
+    components are explained in `handbench.hand.openhand.anatomy`.
     """
 
     name = "openhand"
