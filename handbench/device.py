@@ -1,7 +1,7 @@
-"""Which device networks run on: the CPU, unless the command line or a caller says otherwise.
+"""Which device methods work on: the CPU, unless the command line or a caller says otherwise.
 
-Shading, rays and metrics stay on the CPU; a method moves maps to its networks' device and back. The device is no
-part of a configuration: it decides how fast a result comes, and is told in its provenance.
+A method's networks, its maps and their shading are there; rays are traced and metrics measured on the CPU. The device
+is no part of a configuration: it decides how fast a result comes, and is told in its provenance.
 """
 
 from __future__ import annotations

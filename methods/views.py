@@ -13,7 +13,7 @@ from torch import Tensor
 from handbench.errors import Unsupported
 from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Recording
-from handbench.render.posed import PosedSurface
+from handbench.render.posed import CPU, PosedSurface
 from handbench.render.raster import Raster, rasterise
 from handbench.scene import Array, Frame, needed
 
@@ -51,7 +51,7 @@ class View:
         irradiance, intensities = np.split(power, [len(self.directions)])
         lights = LightSet(self.directions[distant], irradiance[distant], self.positions[near], intensities[near])
         used = np.flatnonzero(weights)
-        scale = torch.from_numpy(weights[used]).float()
+        scale = torch.from_numpy(weights[used]).float().to(self.images.device)
         picture = torch.einsum("lchw,l->chw", self.images[used].float(), scale)
         return lights, None if self.visible is None else self.visible[np.flatnonzero(on)], picture
 
@@ -66,8 +66,14 @@ def visibility(posed: PosedSurface, lights: LightSet, shadows: Shadows) -> Tenso
     return None if shadows == "none" else posed.visibility(lights, soft=shadows == "soft")
 
 
-def views(recording: Recording, size: int, shadows: Shadows = "hard", method: str = "urhand") -> list[View]:
-    """The training views at R x R texels, of the recording's single-light and group frames.
+def views(
+    recording: Recording,
+    size: int,
+    shadows: Shadows = "hard",
+    method: str = "urhand",
+    device: torch.device = CPU,
+) -> list[View]:
+    """The training views at R x R texels, their tensors on a device, of the recording's single-light and group frames.
 
     Lights may be distant, near or both. A group frame is left out where the view's single-light frames show all of
     its lights already: their sums say the same, and more. So is a picture without light. Fully lit frames and
@@ -85,7 +91,7 @@ def views(recording: Recording, size: int, shadows: Shadows = "hard", method: st
     found = []
     for (pose, _), pictures in seen.items():
         if pose not in surfaces:
-            surfaces[pose] = PosedSurface(needed(pictures[0].frame.mesh, "mesh"), size)
+            surfaces[pose] = PosedSurface(needed(pictures[0].frame.mesh, "mesh"), size, device)
         found.append(_view(_telling(pictures), recording, surfaces[pose], shadows, method))
     return found
 
@@ -134,7 +140,7 @@ def _view(pictures: list[_Lit], recording: Recording, posed: PosedSurface, shado
     single = LightSet(directions, irradiance.sum(axis=0), positions, intensities.sum(axis=0))
     return View(
         subject=first.subject,
-        joints=torch.from_numpy(needed(first.pose, "pose").joints.copy()).float(),
+        joints=torch.from_numpy(needed(first.pose, "pose").joints.copy()).float().to(posed.position.device),
         posed=posed,
         raster=drawn,
         centre=first.camera.centre,
@@ -144,7 +150,7 @@ def _view(pictures: list[_Lit], recording: Recording, posed: PosedSurface, shado
         visible=visibility(posed, single, shadows),
         box=(box[0], box[1]),
         covered=int(covered.sum()),
-        images=torch.from_numpy(np.stack(images)),
+        images=torch.from_numpy(np.stack(images)).to(posed.position.device),
     )
 
 

@@ -57,6 +57,7 @@ class Atlas:
         if len(self.texels) == 0:
             raise InputError(f"no texel of a {size}x{size} texture is covered by the UVs; check the mesh's UVs")
         self._originals: Tensor | None = None
+        self._moved: dict[tuple[str, torch.device], tuple[Tensor, ...]] = {}
         if copies:
             self._originals = torch.from_numpy(self.texels)
             copied = np.cumsum(hits.hit)[self._nearest[0].numpy()] - 1
@@ -90,10 +91,22 @@ class Atlas:
         graph = coo_array((np.ones(len(edges), dtype=bool), (edges[:, 0], edges[:, 1])), shape=(count, count))
         return connected_components(graph, directed=False)[1][faces[self.face, 0]]
 
-    @cached_property
-    def neighbours(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def neighbours(self, device: torch.device) -> tuple[Tensor, ...]:
         """For each covered texel the flat index (N,) of its right, left, upper and lower neighbour in the same chart,
         or its own."""
+        return self._on("_neighbours", device)
+
+    def _on(self, name: str, device: torch.device) -> tuple[Tensor, ...]:
+        """Index tensors on a device, moved there once."""
+        held: tuple[Tensor, ...] = getattr(self, name)
+        if device.type == "cpu":
+            return held
+        if (name, device) not in self._moved:
+            self._moved[name, device] = tuple(tensor.to(device) for tensor in held)
+        return self._moved[name, device]
+
+    @cached_property
+    def _neighbours(self) -> tuple[Tensor, ...]:
         own = np.arange(self.count)
         where = np.full((self.size + 2, self.size + 2), -1)  # padded by one texel, so borders need no special case
         row, column = self.texels // self.size + 1, self.texels % self.size + 1
@@ -107,8 +120,10 @@ class Atlas:
         return neighbour(0, 1), neighbour(0, -1), neighbour(-1, 0), neighbour(1, 0)
 
     @cached_property
-    def _index(self) -> Tensor:
-        return torch.from_numpy(self.texels)
+    def _indices(self) -> tuple[Tensor, Tensor]:
+        """The covered texels that are worked on, and those that are written: without copies the same."""
+        worked = torch.from_numpy(self.texels)
+        return worked, worked if self._originals is None else self._originals
 
     @cached_property
     def _nearest(self) -> tuple[Tensor, Tensor]:
@@ -123,13 +138,12 @@ class Atlas:
 
     def gather(self, texture: Tensor) -> Tensor:
         """The covered texels (..., N) of maps (..., R, R); differentiable."""
-        return _select(texture.flatten(-2), self._index)
+        return _select(texture.flatten(-2), self._on("_indices", texture.device)[0])
 
     def scatter(self, values: Tensor) -> Tensor:
         """Maps (..., R, R) of values (..., N) at the covered texels, zero elsewhere; differentiable."""
-        lead, index = values.shape[:-1], self._index
+        lead, index = values.shape[:-1], self._on("_indices", values.device)[1]
         if self._originals is not None:  # copies are dropped
-            index = self._originals
             values = _select(values, index)
         blank = values.new_zeros(math.prod(lead), self.size * self.size)
         return blank.index_copy(1, index, values.reshape(len(blank), -1)).reshape(*lead, self.size, self.size)
@@ -140,7 +154,7 @@ class Atlas:
         So a bilinear lookup at the border of a chart mixes no background in. `texels` limits the reach
         (texels farther away become zero); None fills everything.
         """
-        nearest, distance = self._nearest
+        nearest, distance = self._on("_nearest", texture.device)
         filled = _select(texture.flatten(-2), nearest)
         if texels is not None:
             filled = filled * (distance <= texels)

@@ -21,15 +21,20 @@ from .shadowstore import shadow_store, surface_key
 from .surface import Relief, unit_rows
 from .visibility import VERSION, HardShadows
 
+CPU = torch.device("cpu")
+
 
 class PosedSurface:
-    """A posed mesh at the covered texels of an atlas of R x R: position and unit normal (3, N), float32."""
+    """A posed mesh at the covered texels of an atlas of R x R: position and unit normal (3, N), float32.
 
-    def __init__(self, mesh: Mesh | PosedMesh, size: int) -> None:
+    They, and what `visibility` answers, are on a device: rays are traced on the CPU, shading goes where its maps are.
+    """
+
+    def __init__(self, mesh: Mesh | PosedMesh, size: int, device: torch.device = CPU) -> None:
         self.mesh = PosedMesh.of(mesh)
         self.atlas = Atlas.of(self.mesh.topology, size)
-        self.position = torch.from_numpy(self.atlas.interpolate(self.mesh.vertices).T).float()
-        self.normal = torch.from_numpy(unit_rows(self.atlas.interpolate(self.mesh.normals)).T).float()
+        self.position = torch.from_numpy(self.atlas.interpolate(self.mesh.vertices).T).float().to(device)
+        self.normal = torch.from_numpy(unit_rows(self.atlas.interpolate(self.mesh.normals)).T).float().to(device)
         self._shadows: dict[tuple[object, ...], dict[bytes, Array]] = {}  # packed rows by light, by kind of shadows
 
     @cached_property
@@ -57,12 +62,13 @@ class PosedSurface:
         names += [b"n" + row.tobytes() for row in lights.positions.astype(np.float64, copy=False)]
         wanted = _Wanted(soft, texels, self.atlas.count if texels is None else len(texels))
         if not names:
-            return torch.zeros((0, wanted.count), dtype=torch.float32 if soft else torch.bool)
+            kind = torch.float32 if soft else torch.bool
+            return torch.zeros((0, wanted.count), dtype=kind, device=self.position.device)
         rows = self._rows(names, wanted)
         packed = np.stack([rows[name] for name in names])
         if soft:
-            return torch.from_numpy(packed).float() / 255.0
-        return torch.from_numpy(np.unpackbits(packed, axis=1, count=wanted.count).view(bool))
+            return torch.from_numpy(packed).to(self.position.device).float() / 255.0
+        return torch.from_numpy(np.unpackbits(packed, axis=1, count=wanted.count).view(bool)).to(self.position.device)
 
     def _rows(self, names: list[bytes], wanted: _Wanted) -> dict[bytes, Array]:
         """Packed shadows by light: those known, and the others traced."""

@@ -85,7 +85,11 @@ class Raster:
         """
         if texture.ndim != 3 or texture.shape[1] != texture.shape[2] or not texture.numel():
             raise InputError(f"texture has shape {tuple(texture.shape)}, expected (C, R, R)")
-        image = _Gather.apply(texture.flatten(1), self._lookup(texture.shape[1]))
+        lookup = self._lookup(texture.shape[1])
+        if texture.device.type == "cpu":
+            image = _Gather.apply(texture.flatten(1), lookup)
+        else:
+            image = lookup.image(texture.flatten(1))
         return image.unflatten(1, (self.camera.height, self.camera.width))
 
     def texels(self, size: int) -> Array:
@@ -129,6 +133,25 @@ class _Lookup:
     def __init__(self, matrix: csr_array, pixels: Tensor, count: int) -> None:
         self.forward, self.backward = matrix, matrix.T.tocsr()
         self.pixels, self.count = pixels, count
+        self._moved: dict[torch.device, tuple[Tensor, Tensor]] = {}
+
+    def image(self, texture: Tensor) -> Tensor:
+        """The image (C, H*W) of a texture (C, R*R) on its device, by torch's sparse product: scipy's is the CPU's."""
+        if texture.device not in self._moved:
+            rows, texels, weights = (torch.from_numpy(part) for part in _triplets(self.forward))
+            matrix = torch.sparse_coo_tensor(
+                torch.stack([rows, texels]), weights, self.forward.shape, check_invariants=False
+            )
+            self._moved[texture.device] = matrix.to(texture.device).coalesce(), self.pixels.to(texture.device)
+        matrix, pixels = self._moved[texture.device]
+        seen = torch.sparse.mm(matrix, texture.float().T).T.to(texture.dtype)
+        return texture.new_zeros(texture.shape[0], self.count).index_copy(1, pixels, seen)
+
+
+def _triplets(matrix: csr_array) -> tuple[Array, Array, Array]:
+    """Row, column (int64) and value of each entry."""
+    entries = matrix.tocoo()
+    return entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data
 
 
 class _Gather(torch.autograd.Function):

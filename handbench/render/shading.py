@@ -120,8 +120,8 @@ def _shade(
     )
     sums = normal.new_zeros(RESPONSES[model], *normal.shape)
     for places, powers, dots, rows in kinds:
-        where, power = _tensor(places).double(), _tensor(powers)
-        seen = None if visibility is None else _tensor(visibility[rows])
+        where, power = _tensor(places, normal.device).double(), _tensor(powers, normal.device)
+        seen = None if visibility is None else _tensor(visibility[rows], normal.device)
         if skips().dark_lights and not power.requires_grad:
             lit = power.any(dim=1)
             note("dark lights", len(lit), len(lit) - int(lit.sum()))
@@ -136,7 +136,12 @@ def _shade(
 def _maps(normal: Tensor, position: Tensor, roughness: Tensor, centre: Tensor | Array) -> tuple[Tensor, ...]:
     """Unit normal and view and position (3, N) in float64, and the roughness (N)."""
     position = position.double()
-    return unit(normal.double()), unit(_tensor(centre).double()[:, None] - position), position, roughness
+    return (
+        unit(normal.double()),
+        unit(_tensor(centre, position.device).double()[:, None] - position),
+        position,
+        roughness,
+    )
 
 
 @torch.no_grad()
@@ -154,7 +159,7 @@ def transfer(
     bytes (48 MB for a 16 x 32 environment at 128 texels); arguments as in `light_features`.
     """
     maps = _maps(normal, position, roughness, camera_centre)
-    where = _tensor(directions).double()
+    where = _tensor(directions, normal.device).double()
     answer = normal.new_empty(2, len(where), normal.shape[1])
     for texels in blocks(len(where), normal.shape[1]):
         local = tuple(values[..., texels] for values in maps)
@@ -196,10 +201,11 @@ class KnownSurface:
 
 def relight(known: Tensor, irradiance: Array) -> tuple[Tensor, Tensor]:
     """Diffuse and specular features (3, N) of a `transfer` (2, L, N) under irradiance (L, 3)."""
-    power = _tensor(irradiance).to(known.dtype).T
+    power = _tensor(irradiance, known.device).to(known.dtype).T
     return power @ known[0], power @ known[1]
 
 
-def _tensor(values: Tensor | Array) -> Tensor:
-    """The values as a tensor; read-only arrays are copied, which torch cannot share."""
-    return values if isinstance(values, Tensor) else torch.from_numpy(np.require(values, requirements="W"))
+def _tensor(values: Tensor | Array, device: torch.device) -> Tensor:
+    """The values as a tensor on a device; read-only arrays are copied, which torch cannot share."""
+    tensor = values if isinstance(values, Tensor) else torch.from_numpy(np.require(values, requirements="W"))
+    return tensor.to(device)

@@ -95,7 +95,7 @@ class Relief:
 
 def _differences(values: Tensor, atlas: Atlas) -> tuple[Tensor, Tensor]:
     """Differences (..., C, N) of flat maps along u (right) and v (up) between neighbours in the same chart."""
-    right, left, up, down = atlas.neighbours
+    right, left, up, down = atlas.neighbours(values.device)
 
     def between(after: Tensor, before: Tensor) -> Tensor:
         return values.index_select(-1, after) - values.index_select(-1, before)

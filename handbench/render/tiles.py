@@ -40,7 +40,8 @@ def summed(
     by_light = gradients and (power.requires_grad or (seen is not None and seen.requires_grad))
     tracked = by_light or (gradients and any(values.requires_grad for values in (where, *maps)))
     large = len(where) * count >= _FUSE
-    if dots is distant and large and power.dtype == torch.float32 and not by_light and usable():
+    on_cpu = power.device.type == "cpu"
+    if dots is distant and large and on_cpu and power.dtype == torch.float32 and not by_light and usable():
         normal, view, _, roughness = maps
         return fused_responses(model, normal, view, roughness, where, power, seen)
     if tracked and len(where) * count > _KEEP and not (seen is not None and seen.requires_grad):

@@ -28,13 +28,13 @@ class Discriminator(nn.Module):
 
     def forward(self, pictures: Tensor, condition: Tensor | None) -> list[Tensor]:
         x = pictures if condition is None else torch.cat([pictures, condition.expand(len(pictures), -1, -1, -1)], dim=1)
-        x = x.to(self.scales[0][0].weight.device).contiguous(memory_format=torch.channels_last)  # type: ignore[index]
+        x = x.contiguous(memory_format=torch.channels_last)
         scores = []
         for i, layers in enumerate(self.scales):
             y = nn.functional.avg_pool2d(x, 2**i) if i else x
             for layer in layers[:-1]:  # type: ignore[index]
                 y = activate(layer(y))
-            scores.append(layers[-1](y).cpu())  # type: ignore[index]
+            scores.append(layers[-1](y))  # type: ignore[index]
         return scores
 
 

@@ -24,7 +24,7 @@ def tangent_frames(posed: PosedSurface) -> Tensor:
     turn = np.sign(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[:, None]
     along = turn * (edge_a * b[:, 1:] - edge_b * a[:, 1:])  # ∂x/∂u up to a positive factor
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-20)
-    tangent = torch.from_numpy(along[atlas.face].T).float()
     normal = posed.normal
+    tangent = torch.from_numpy(along[atlas.face].T).float().to(normal.device)
     tangent = unit(tangent - (tangent * normal).sum(0) * normal)
     return torch.stack([tangent, torch.linalg.cross(normal, tangent, dim=0), normal])

@@ -57,7 +57,7 @@ class PosedRelightableHands(PosedAvatar):
     @torch.no_grad()
     def __init__(self, model: RelightableHandsModel, viewpoint: Viewpoint) -> None:
         self._model = model
-        self._surface = PosedSurface(needed(viewpoint.mesh, "mesh"), model.config.texture)
+        self._surface = PosedSurface(needed(viewpoint.mesh, "mesh"), model.config.texture, model.device)
         self._raster = rasterise(self._surface.mesh, viewpoint.camera)
         self._seen = Seen.of(self._surface, viewpoint.camera.centre, needed(viewpoint.pose, "pose").joints)
         self._kept: OrderedDict[bytes, Tensor] = OrderedDict()  # by direction or position
@@ -70,7 +70,7 @@ class PosedRelightableHands(PosedAvatar):
                 f"{INFO.title} runs its network once a light: {len(lights)} lights are more than {MOST_LIGHTS}"
             )
         atlas = self._surface.atlas
-        colour = torch.zeros(3, atlas.count)
+        colour = torch.zeros(3, atlas.count, device=self._model.device)
         for first in range(0, len(lights), _TOGETHER):
             some = _some(lights, np.arange(first, min(first + _TOGETHER, len(lights))))
             colour += lit(self._responses(some), np.concatenate([some.irradiance, some.intensities]))

@@ -47,16 +47,17 @@ class Seen:
     @staticmethod
     def of(posed: PosedSurface, centre: Array, joints: Array) -> Seen:
         frames = tangent_frames(posed)
-        view = unit(torch.as_tensor(centre, dtype=torch.float32)[:, None] - posed.position)
-        rotations = torch.from_numpy(joints.copy()).float()
+        device = posed.position.device
+        view = unit(torch.as_tensor(centre, dtype=torch.float32, device=device)[:, None] - posed.position)
+        rotations = torch.from_numpy(joints.copy()).float().to(device)
         return Seen(posed.position, frames, (frames * view).sum(dim=1), rotations, posed.atlas)
 
 
 class RelightableHandsModel(nn.Module):
     """The texture decoder of one identity, and how bright its pictures are.
 
-    `exposure` is the radiance under a light of unit irradiance that counts as 255 in Eq. 7. The network runs on the
-    device of its parameters; everything that comes in or goes out is float32 on the CPU.
+    `exposure` is the radiance under a light of unit irradiance that counts as 255 in Eq. 7. Everything that comes in
+    or goes out is float32 on the `device` of the parameters.
     """
 
     exposure: Tensor
@@ -68,6 +69,11 @@ class RelightableHandsModel(nn.Module):
         self.register_buffer("exposure", torch.tensor(exposure))
         channels_last(self)
 
+    @property
+    def device(self) -> torch.device:
+        """Where the parameters are."""
+        return self.exposure.device
+
     def responses(
         self, seen: Seen, directions: Array, visible: Tensor, positions: Array | None = None
     ) -> tuple[Tensor, Tensor]:
@@ -78,23 +84,24 @@ class RelightableHandsModel(nn.Module):
         which reach the texels. Directions go in in the texels' own frames: the released code turns them into those of
         its primitives, which lie on the surface alike.
         """
-        light = torch.einsum("ijn,lj->lin", seen.frames, torch.tensor(directions, dtype=torch.float32))
+        device = seen.position.device
+        distant = torch.tensor(directions, dtype=torch.float32, device=device)
+        light = torch.einsum("ijn,lj->lin", seen.frames, distant)
         falloff = None
         if positions is not None and len(positions):
-            towards = torch.tensor(positions, dtype=torch.float32)[:, :, None] - seen.position
+            towards = torch.tensor(positions, dtype=torch.float32, device=device)[:, :, None] - seen.position
             distance = towards.norm(dim=1, keepdim=True).clamp_min(NEAREST)
             light = torch.cat([light, torch.einsum("ijn,ljn->lin", seen.frames, towards / distance)])
-            falloff = torch.cat([torch.ones(len(directions), 1, distance.shape[-1]), distance**-2])
+            falloff = torch.cat([distance.new_ones(len(directions), 1, distance.shape[-1]), distance**-2])
         flat = torch.cat([seen.view.expand_as(light), light, visible[:, None].float()], dim=1)
-        inputs = seen.atlas.dilate(seen.atlas.scatter(flat)).to(self.exposure.device)
-        pose = seen.joints.reshape(1, -1).to(self.exposure.device)
-        maps = self.decoder(inputs.contiguous(memory_format=torch.channels_last), pose)
-        texture, shadow = (seen.atlas.gather(raw.cpu()) for raw in maps)
+        inputs = seen.atlas.dilate(seen.atlas.scatter(flat))
+        maps = self.decoder(inputs.contiguous(memory_format=torch.channels_last), seen.joints.reshape(1, -1))
+        texture, shadow = (seen.atlas.gather(raw) for raw in maps)
         colour, cut = coloured(texture, shadow, self.config.bias)
-        radiance = colour * (self.exposure.cpu() / 255.0)
+        radiance = colour * (self.exposure / 255.0)
         return radiance if falloff is None else radiance * falloff, cut
 
 
 def lit(responses: Tensor, power: Array) -> Tensor:
     """Radiance (3, N) under lights of irradiance or intensity (L, 3), from what the hand answers to each (L, 3, N)."""
-    return torch.einsum("lcn,lc->cn", responses, torch.tensor(power, dtype=responses.dtype))
+    return torch.einsum("lcn,lc->cn", responses, torch.tensor(power, dtype=responses.dtype, device=responses.device))

@@ -29,7 +29,7 @@ def train(config: Config, recording: Recording, seed: int = 0, progress: Progres
     Raises `Unsupported` for a recording without single-light and group frames, `NonFinite` as soon as a step's loss or
     gradient is not finite.
     """
-    seen = views(recording, config.texture, method="relightablehands")
+    seen = views(recording, config.texture, method="relightablehands", device=device())
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         model = RelightableHandsModel(config, len(seen[0].joints), exposure(seen)).to(device())
@@ -49,7 +49,7 @@ def exposure(seen: list[View]) -> float:
     for view in seen:
         strongest = torch.from_numpy(_irradiance(view).max(axis=1)).float()
         covered = torch.from_numpy(view.raster.alpha[view.box] > 0.5)
-        values = (view.images.float().mean(dim=1) / strongest[:, None, None])[:, covered]
+        values = (view.images.cpu().float().mean(dim=1) / strongest[:, None, None])[:, covered]
         bright.append(np.quantile(values.numpy(), _BRIGHT))
     found = 2.0 * float(np.mean(bright))
     if not found > 0.0:
@@ -59,7 +59,7 @@ def exposure(seen: list[View]) -> float:
 
 def _irradiance(view: View) -> Array:
     """Mean irradiance over the colours of each light in each picture (L, S), of a near one in the hand's middle."""
-    away = np.linalg.norm(view.positions - view.posed.position.mean(dim=1).numpy(), axis=1)
+    away = np.linalg.norm(view.positions - view.posed.position.mean(dim=1).cpu().numpy(), axis=1)
     falloff = np.concatenate([np.ones(len(view.directions)), np.maximum(away, NEAREST) ** -2.0])
     return view.power.mean(axis=2) * falloff
 
@@ -69,7 +69,7 @@ class Lesson:
 
     def __init__(self, model: RelightableHandsModel, seen: list[View]) -> None:
         self.model, self.views = model, seen
-        self._seen = [Seen.of(view.posed, view.centre, view.joints.numpy()) for view in seen]
+        self._seen = [Seen.of(view.posed, view.centre, view.joints.cpu().numpy()) for view in seen]
 
     def losses(self, sample: int, rng: np.random.Generator) -> Mapping[str, Tensor]:
         """L2, perceptual and negative-colour loss on one view under a random combination of its lights.

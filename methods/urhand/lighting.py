@@ -38,6 +38,7 @@ def power(lights: LightSet, visible: Tensor | None = None) -> Tensor:
     mean = torch.as_tensor(np.asarray(lights.irradiance).mean(axis=1), dtype=torch.float32)
     if visible is None:
         return mean.sum()
+    mean = mean.to(visible.device)
     return mean @ visible[: len(mean)].to(mean.dtype)
 
 

@@ -55,11 +55,11 @@ class PosedURHand(PosedAvatar):
 
     @torch.no_grad()  # not inference_mode: the atlas is shared with training
     def __init__(self, model: URHandModel, texture: Tensor, viewpoint: Viewpoint) -> None:
-        self._model, self._texture = model, texture
-        self._surface = PosedSurface(needed(viewpoint.mesh, "mesh"), model.config.texture)
+        self._model, self._texture = model, texture.to(model.device)
+        self._surface = PosedSurface(needed(viewpoint.mesh, "mesh"), model.config.texture, model.device)
         self._raster = rasterise(self._surface.mesh, viewpoint.camera)
-        joints = torch.from_numpy(needed(viewpoint.pose, "pose").joints.copy()).float()
-        self._material = model.material(texture, joints, self._surface)
+        joints = torch.from_numpy(needed(viewpoint.pose, "pose").joints.copy()).float().to(model.device)
+        self._material = model.material(self._texture, joints, self._surface)
         maps = (self._material.normal, self._material.roughness, self._surface, viewpoint.camera.centre)
         self._shading = lighting.Shading(model.config, *maps)
 

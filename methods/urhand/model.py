@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 import torch
@@ -29,8 +30,8 @@ class Material:
 class URHandModel(nn.Module):
     """Both branches. Maps are at the covered texels, (C, N), between the networks and (1, C, R, R) inside them.
 
-    Networks run on the device of their parameters, in bfloat16 if the configuration says so; everything that comes
-    in or goes out is float32 on the CPU.
+    Networks run in bfloat16 if the configuration says so; everything that comes in or goes out is float32. All of it
+    is on the `device` of the parameters.
     """
 
     def __init__(self, config: Config, joints: int) -> None:
@@ -55,11 +56,11 @@ class URHandModel(nn.Module):
             )
         config, atlas = self.config, posed.atlas
         low, high = config.roughness
-        roughness = low + (high - low) * torch.sigmoid(atlas.gather(raw_roughness.float().cpu()[0, 0]))
+        roughness = low + (high - low) * torch.sigmoid(atlas.gather(raw_roughness.float()[0, 0]))
         if not config.refiner:
             return Material(posed.normal, roughness, joint)
         # the paper's sigmoid, centred: a constant displacement only thickens the hand
-        sigmoid = torch.sigmoid(atlas.gather(raw_displacement.float().cpu()[0]))
+        sigmoid = torch.sigmoid(atlas.gather(raw_displacement.float()[0]))
         return Material(posed.relief.refined(config.displacement * (2.0 * sigmoid - 1.0)), roughness, joint)
 
     def physical_colour(self, features: Tensor, texture: Tensor, atlas: Atlas) -> Tensor:
@@ -86,7 +87,7 @@ class URHandModel(nn.Module):
         for its own channel of the picture; for white light the three are one. An environment map is seen whole.
         """
         if self.config.encoder == "environment":
-            inputs = lighting.environment_map(lights, self.config.environment)[None]
+            inputs = lighting.environment_map(lights, self.config.environment)[None].to(self.device)
             count = 1
         else:
             coloured = features.reshape(2, 3, -1).transpose(0, 1)  # colour channel, (diffuse, specular), texel
@@ -94,15 +95,19 @@ class URHandModel(nn.Module):
             inputs = atlas.dilate(atlas.scatter(coloured[:count]))
         with self._precision():
             gain, bias, encoded = self.neural(self._batch(inputs), material.joint)
-        gain, bias = atlas.gather(gain.float().cpu()), atlas.gather(bias.float().cpu())[:, 0]
+        gain, bias = atlas.gather(gain.float()), atlas.gather(bias.float())[:, 0]
         if count == 3:
             return torch.stack([gain[i, i] for i in range(3)]), bias, encoded
         return gain[0], bias.expand(3, -1), encoded
 
-    def _batch(self, values: Tensor) -> Tensor:
-        """Values on the networks' device; maps with the channels last."""
-        moved = values.to(self.physical.pose.weight.device)
-        return moved.contiguous(memory_format=torch.channels_last) if moved.ndim == 4 else moved
+    @property
+    def device(self) -> torch.device:
+        """Where the parameters are."""
+        return self.physical.pose.weight.device
 
-    def _precision(self) -> torch.autocast:
-        return torch.autocast(self.physical.pose.weight.device.type, torch.bfloat16, enabled=self.config.bfloat16)
+    def _batch(self, values: Tensor) -> Tensor:
+        """Maps with the channels last."""
+        return values.contiguous(memory_format=torch.channels_last) if values.ndim == 4 else values
+
+    def _precision(self) -> AbstractContextManager[object]:
+        return torch.autocast(self.device.type, torch.bfloat16) if self.config.bfloat16 else nullcontext()

@@ -29,9 +29,11 @@ def released_features(
     """
     if len(lights.positions):
         raise Unsupported("the released form of URHand's shading features has no near lights")
-    view = unit(torch.as_tensor(centre, dtype=normal.dtype)[:, None] - position)
-    directions = torch.as_tensor(lights.directions, dtype=normal.dtype)
-    irradiance = torch.as_tensor(lights.irradiance, dtype=normal.dtype)
+    centre, directions, irradiance = (
+        torch.as_tensor(values, dtype=normal.dtype, device=normal.device)
+        for values in (centre, lights.directions, lights.irradiance)
+    )
+    view = unit(centre[:, None] - position)
     diffuse, lobes = torch.zeros_like(normal), torch.zeros_like(normal)
     for i in range(len(directions)):
         seen = torch.ones_like(roughness) if visible is None else visible[i].to(normal.dtype)

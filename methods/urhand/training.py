@@ -47,8 +47,10 @@ class Lesson:
     def __init__(self, model: URHandModel, recording: Recording) -> None:
         config = model.config
         self.model, self.config = model, config
-        self.textures = {s: normalised_texture(recording.of_subject(s), config.texture) for s in recording.subjects}
-        self.views = views(recording, config.texture, config.shadows)
+        self.textures = {
+            s: normalised_texture(recording.of_subject(s), config.texture).to(model.device) for s in recording.subjects
+        }
+        self.views = views(recording, config.texture, config.shadows, device=model.device)
         near = [view.subject for view in self.views if len(view.positions)]
         if near and not config.near_lights:
             raise Unsupported(
@@ -59,7 +61,7 @@ class Lesson:
         if config.adversarial:
             # after the generator's networks and from the same seed: an ablation without it starts them alike
             self.discriminator = Discriminator(_CONDITIONS if config.light_aware else 0)
-            self.discriminator.to(model.physical.pose.weight.device)
+            self.discriminator.to(model.device)
         self._shown: tuple[Tensor, Tensor, Tensor | None]
 
     def losses(self, sample: int, rng: np.random.Generator) -> Mapping[str, Tensor]:
@@ -119,7 +121,7 @@ class Lesson:
 
     def _condition(self, view: View, lights: LightSet, visible: Tensor | None) -> Tensor:
         """Phong's diffuse and specular shading of the light on the coarse surface, (1, 2, h, w)."""
-        rough = torch.ones(view.posed.atlas.count)
+        rough = torch.ones(view.posed.atlas.count, device=view.images.device)
         shaded = light_features(view.posed.normal, view.posed.position, rough, view.centre, lights, visible, "phong")
         return view.draw(torch.stack([kind.mean(dim=0) for kind in shaded]))[None]
 
