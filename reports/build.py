@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
@@ -54,6 +54,7 @@ def build(*runs: Run, baseline: str | None = None) -> Table:
         for row, more in zip(cells, found, strict=True):
             row += more
     rows = tuple(_row(source, kind, tuple(row)) for source, kind, row in zip(sources, kinds, cells, strict=True))
+    rows = _marked(rows, against)
     published = tuple(_published(told, columns, len(metrics)) for told in protocol.published)
     order = tuple(agreements(columns, rows, [source.values for source in sources], published))
     title = f"{protocol.title} ({protocol.label})"
@@ -177,8 +178,20 @@ def _limits(rows: Sequence[Row], baseline: str) -> Iterator[str]:
 def _row(source: _Source, kind: Kind, cells: tuple[Cell, ...]) -> Row:
     bends = [cell.laws.linearity for cell in source.cells if cell.laws.linearity is not None]
     times = _times(source.cells)
-    fidelity = source.method.fidelity
-    return Row(source.name, source.title, kind, fidelity, cells, times, nonlinearity=max(bends, default=None))
+    told = {"nonlinearity": max(bends, default=None), "enrolment": source.method.enrolment}
+    return Row(source.name, source.title, kind, source.method.fidelity, cells, times, **told)
+
+
+def _marked(rows: tuple[Row, ...], baseline: int | None) -> tuple[Row, ...]:
+    """The rows with a mark wherever they are compared with one to which enrolment gave something else."""
+    mixed = len({row.enrolment for row in rows if row.kind == "method"}) > 1
+    other = None if baseline is None else rows[baseline].enrolment
+
+    def marked(row: Row, cell: Cell) -> Cell:
+        across = cell.difference is not None and row.enrolment != other
+        return replace(cell, unequal=mixed and cell.rank > 0, across=across)
+
+    return tuple(replace(row, cells=tuple(marked(row, cell) for cell in row.cells)) for row in rows)
 
 
 def _times(cells: Sequence[CellRecord]) -> Times:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import groupby
 
-from .model import Cell, Column, Row, Table, bounds, chance, letter, marks, number, signed
+from .model import UNEQUAL, UNEQUAL_NOTE, Cell, Column, Row, Table, bounds, chance, letter, marks, number, signed
 from .safe import latex, latex_header, one_line
 
 WIDTH = 9  # value columns that fit the text width of a plain article at \footnotesize
@@ -20,6 +20,8 @@ def render_latex(table: Table) -> str:
     """
     notes = [f"\\textsuperscript{{{letter(i)}}}\\,{latex(note)}." for i, note in enumerate(table.footnotes, start=1)]
     notes += [latex(remark) for remark in table.remarks]
+    if table.unequal:
+        notes.append(f"{latex(UNEQUAL_NOTE)}.")
     below = "calibration and published values" if table.remarks else "calibration"
     title = latex(table.title)
     marked = "Best in bold, second best underlined, with all that cannot be told from them"
@@ -95,13 +97,17 @@ def _head(column: Column) -> str:
 
 def _row(row: Row, table: Table, indices: list[int], text: Callable[[Cell, Column], str]) -> str:
     title = latex(row.title + (row.suffix if row.kind == "published" else ""))
+    if row.enrolment:
+        title += f"\\,{{\\tiny {latex(row.enrolment)}}}"
     cells = [text(row.cells[index], table.columns[index]) for index in indices]
     return f"    {title} & {' & '.join(cells)} \\\\"
 
 
 def _cell(cell: Cell, column: Column) -> str:
     value = latex(number(cell.value, column.metric.decimals))
-    value = {0: value, 1: f"\\textbf{{{value}}}", 2: f"\\underline{{{value}}}"}[cell.rank]
+    value = {0: value, 1: f"\\textbf{{{value}}}", 2: f"\\underline{{{value}}}"}[cell.rank] + latex(
+        UNEQUAL
+    ) * cell.unequal
     gap = "" if cell.complete else f"\\,{{\\tiny {cell.covered}/{cell.expected}}}"
     return value + gap + (f"\\textsuperscript{{{marks(cell)}}}" if cell.notes else "")
 
@@ -112,5 +118,5 @@ def _difference(cell: Cell, column: Column) -> str:
     if apart is None:
         return "--"
     below = [f"\\tiny {latex(text)}" for text in (bounds(apart, decimals), chance(apart)) if text]
-    lines = r"\\".join([latex(signed(apart.value, decimals)), *below])
+    lines = r"\\".join([latex(signed(apart.value, decimals)) + latex(UNEQUAL) * cell.across, *below])
     return f"\\shortstack[r]{{{lines}}}"

@@ -18,6 +18,8 @@ LIGHT_TITLES = {  # of frame kinds, from the light that costs most to the one th
     "olat": "a single light",
 }
 Kind = Literal["method", "calibration", "published"]
+UNEQUAL = "≠"
+UNEQUAL_NOTE = f"{UNEQUAL}: best or second among, or different from, rows to which enrolment gave something else"
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,8 @@ class Cell:
     rank        1 best, 2 second, 0 neither; shared by what cannot be told apart; never set with incomplete coverage
     notes       numbers (from 1) of the table's footnotes that say why values are missing
     nonfinite   how many of the missing values were NaN or infinite
+    unequal     its rank is won against rows to which enrolment gave something else
+    across      its difference is to such a row
     difference  this value minus the baseline's, paired; None without a baseline, in its row, and where nothing pairs
     """
 
@@ -79,6 +83,8 @@ class Cell:
     spread: float | None = None
     nonfinite: int = 0
     difference: Difference | None = None
+    unequal: bool = False
+    across: bool = False
 
     @property
     def complete(self) -> bool:
@@ -112,6 +118,7 @@ class Times:
 class Row:
     """A method's line. Only kind "method" can be best: calibration and published rows are there for comparison.
 
+    enrolment       what enrolment gave it (`handbench.bench.given.Enrolled`), "" where a run does not tell
     marker          how a paper marks the row, "" if not
     nonlinearity    greatest deviation from linearity in light (`handbench.bench.laws`) in any cell; None if unknown
     """
@@ -124,6 +131,7 @@ class Row:
     times: Times
     marker: str = ""
     nonlinearity: float | None = None
+    enrolment: str = ""
 
     @property
     def suffix(self) -> str:
@@ -194,6 +202,11 @@ class Table:
     agreements: tuple[Agreement, ...] = ()
     baseline: str = ""
     limits: tuple[str, ...] = ()
+
+    @property
+    def unequal(self) -> bool:
+        """Whether something is compared across unequal enrolment."""
+        return any(cell.unequal or cell.across for row in self.rows for cell in row.cells)
 
     @property
     def compared(self) -> tuple[Row, ...]:

@@ -12,7 +12,20 @@ from .aggregate import RESAMPLES
 from .agreement import headline, sentence
 from .figures import ERROR_SCALE, Panel
 from .frames import KINDS
-from .model import LIGHT_TITLES, Cell, Column, Span, Table, duration, letter, marks, number, scientific, three_digits
+from .model import (
+    LIGHT_TITLES,
+    UNEQUAL_NOTE,
+    Cell,
+    Column,
+    Span,
+    Table,
+    duration,
+    letter,
+    marks,
+    number,
+    scientific,
+    three_digits,
+)
 from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, clock, draw, told
 from .pictures import colour_stops, error_uri, image_uri, png_uri
 from .run import Run, machine
@@ -45,7 +58,14 @@ def render_page(table: Table, run: Run, shown: Shown) -> str:
         span=_span,
         seconds=_seconds,
     )
-    page.globals.update(marks=marks, cell_text=_cell_text, interval=_interval, headline=headline, sentence=sentence)
+    page.globals.update(
+        unequal_note=UNEQUAL_NOTE,
+        marks=marks,
+        cell_text=_cell_text,
+        interval=_interval,
+        headline=headline,
+        sentence=sentence,
+    )
     page.globals.update(draw=draw, told=told, clock=clock, times=TIMES, frame=FRAME, width=WIDTH, height=HEIGHT)
     studies = {"speed": speed_section(run.folder), "stress": stress_section(run.folder)}
     panels = groupby(shown.panels, key=lambda panel: panel.kind)

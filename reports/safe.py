@@ -27,6 +27,7 @@ LATEX = {
     "↓": r"$\downarrow$",
     "×": r"$\times$",
     "≥": r"$\geq$",
+    "≠": r"$\neq$",
     "≤": r"$\leq$",
     "−": r"$-$",
     "∞": r"$\infty$",

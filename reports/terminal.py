@@ -14,6 +14,8 @@ from handbench.bench.statistics import Difference
 from .agreement import headline, sentence
 from .model import (
     COST_TITLES,
+    UNEQUAL,
+    UNEQUAL_NOTE,
     Cell,
     Column,
     Group,
@@ -38,7 +40,8 @@ def render_terminal(table: Table) -> RenderableType:
     notes = [Text(f"{letter(index)}  {note}") for index, note in enumerate(table.footnotes, start=1)]
     legend = "bold: best, underlined: second, with all that cannot be told from them; calibration (*), published rows "
     legend += "and values that miss frames cannot win"
-    remarks = [Text(text, style="dim") for text in (*table.remarks, *table.limits, legend)]
+    told = (*table.remarks, *table.limits, legend, *((UNEQUAL_NOTE,) if table.unequal else ()))
+    remarks = [Text(text, style="dim") for text in told]
     grids = [grid for group in table.groups for grid in (_grid(table, group), *_differences(table, group))]
     return Lines(Text(table.title, style="bold"), *grids, _costs(table), *_agreements(table), *notes, *remarks)
 
@@ -59,7 +62,7 @@ def _grid(table: Table, group: Group) -> RichTable:
         metric = table.columns[index].metric
         grid.add_column(Text(f"{metric.title} {metric.arrow}"), justify="right", overflow="fold")
     for row in table.rows:
-        grid.add_row(_name(row), *(_cell(row.cells[index], table.columns[index]) for index in indices))
+        grid.add_row(*_head(row), *(_cell(row.cells[index], table.columns[index]) for index in indices))
     return grid
 
 
@@ -71,9 +74,14 @@ def _differences(table: Table, group: Group) -> Iterator[RichTable]:
         metric = table.columns[index].metric
         grid.add_column(Text(f"{metric.title} {metric.arrow}"), justify="right", overflow="fold")
     for row in table.compared:
-        cells = (difference_text(row.cells[i].difference, table.columns[i].metric) for i in table.of_group(group))
-        grid.add_row(_name(row), *cells)
+        cells = (_difference(row.cells[i], table.columns[i]) for i in table.of_group(group))
+        grid.add_row(*_head(row), *cells)
     yield grid
+
+
+def _difference(cell: Cell, column: Column) -> Text:
+    text = difference_text(cell.difference, column.metric)
+    return text.append(UNEQUAL) if cell.across else text
 
 
 def difference_text(apart: Difference | None, metric: Metric) -> Text:
@@ -91,17 +99,22 @@ def _costs(table: Table) -> RichTable:
     for title in COST_TITLES:
         grid.add_column(title.replace(" ", "\n").replace("non-", "non-\n"), justify="right", overflow="fold")
     for row in table.computed:
-        grid.add_row(_name(row), *cost_texts(row, table.timed_kind))
+        grid.add_row(*_head(row), *cost_texts(row, table.timed_kind))
     return grid
 
 
 def _empty(title: str, rows: tuple[Row, ...]) -> RichTable:
-    """A grid whose first column holds the rows' names, wide enough for all of them."""
+    """A grid whose first columns hold the rows' names, wide enough for all of them, and what enrolment gave."""
     grid = RichTable(
         title=Text(title, "bold"), title_justify="left", header_style="dim", box=None, padding=(0, 2, 0, 0)
     )
     grid.add_column("", no_wrap=True, min_width=max((len(_name(row)) for row in rows), default=0))
+    grid.add_column("enrolment", style="dim", overflow="fold")
     return grid
+
+
+def _head(row: Row) -> tuple[Text, Text]:
+    return _name(row), Text(row.enrolment)
 
 
 def _name(row: Row) -> Text:
@@ -110,6 +123,8 @@ def _name(row: Row) -> Text:
 
 def _cell(cell: Cell, column: Column) -> Text:
     text = Text(number(cell.value, column.metric.decimals), style=STYLES[cell.rank])
+    if cell.unequal:
+        text.append(UNEQUAL, style="not bold not underline dim")
     if not cell.complete:
         text.append(f" {cell.covered}/{cell.expected}{f' {marks(cell)}' if cell.notes else ''}", style="yellow")
     return text

@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from .agreement import headline, sentence
 from .model import (
     COST_TITLES,
+    UNEQUAL,
+    UNEQUAL_NOTE,
     Cell,
     Column,
     Row,
@@ -26,9 +28,9 @@ from .model import (
 )
 from .safe import csv_cell, markdown
 
-CSV_METHOD = ("method", "title", "kind", "fidelity")
+CSV_METHOD = ("method", "title", "kind", "fidelity", "enrolment")
 CSV_METRIC = ("column", "metric", "signature", "unit", "higher_is_better")
-CSV_VALUE = ("value", "low", "high", "spread", "covered", "expected", "nonfinite", "rank", "reasons")
+CSV_VALUE = ("value", "low", "high", "spread", "covered", "expected", "nonfinite", "rank", "unequal", "reasons")
 CSV_DIFFERENCE = ("baseline", "difference", "difference_low", "difference_high", "p", "p_holm", "paired", "subjects")
 
 
@@ -48,7 +50,7 @@ def render_csv(table: Table) -> str:
 
     writer.writeheader()
     for row in table.rows:
-        head = dict(zip(CSV_METHOD, (row.name, row.title, row.kind, row.fidelity), strict=True))
+        head = dict(zip(CSV_METHOD, (row.name, row.title, row.kind, row.fidelity, row.enrolment), strict=True))
         for column, cell in zip(table.columns, row.cells, strict=True):
             write({**head, **_csv_column(column), **_csv_cell(row, cell, table)})
         for name, unit, span in _measured(row.times):
@@ -84,7 +86,7 @@ def _csv_column(column: Column) -> dict[str, object]:
 def _csv_cell(row: Row, cell: Cell, table: Table) -> dict[str, object]:
     reasons = "; ".join(table.footnotes[note - 1] for note in cell.notes)
     counts = (cell.covered, cell.expected, cell.nonfinite) if row.kind != "published" else ("", "", "")
-    values = (cell.value, cell.low, cell.high, cell.spread, *counts, cell.rank or "", reasons)
+    values = (cell.value, cell.low, cell.high, cell.spread, *counts, cell.rank or "", cell.unequal or "", reasons)
     found: dict[str, object] = dict(zip(CSV_VALUE, values, strict=True))
     if apart := cell.difference:
         told = (table.baseline, apart.value, apart.low, apart.high, apart.p, apart.adjusted, apart.paired)
@@ -122,7 +124,8 @@ def _markdown(table: Table) -> Iterator[str]:
         yield from (f"  - {markdown(sentence(pair, agreement.column))}" for pair in agreement.inversions)
     yield "\nBest in **bold**, second in *italics*, shared by what cannot be told apart; rows with \\* are calibration."
     yield "Brackets hold the 95 % interval; after ± stands the standard deviation over seeds."
-    yield from (f"\n{markdown(remark)}" for remark in (*table.remarks, *table.limits))
+    remarks = (*table.remarks, *table.limits, *((UNEQUAL_NOTE,) if table.unequal else ()))
+    yield from (f"\n{markdown(remark)}" for remark in remarks)
     if table.footnotes:
         yield ""
     for index, note in enumerate(table.footnotes, start=1):
@@ -142,13 +145,13 @@ def _line(cells: list[str]) -> str:
 
 
 def _title(row: Row) -> str:
-    return markdown(row.title + row.suffix)
+    return markdown(row.title + row.suffix + (f" ({row.enrolment})" if row.enrolment else ""))
 
 
 def _markdown_cell(cell: Cell, column: Column) -> str:
     decimals = column.metric.decimals
     value = number(cell.value, decimals)
-    text = {0: value, 1: f"**{value}**", 2: f"*{value}*"}[cell.rank]
+    text = {0: value, 1: f"**{value}**", 2: f"*{value}*"}[cell.rank] + UNEQUAL * cell.unequal
     if cell.low is not None:
         text += f" [{number(cell.low, decimals)}, {number(cell.high, decimals)}]"
     if cell.spread is not None:
@@ -162,4 +165,9 @@ def _markdown_difference(cell: Cell, column: Column) -> str:
     apart, decimals = cell.difference, column.metric.decimals
     if apart is None:
         return "–"
-    return " ".join(filter(None, (signed(apart.value, decimals), bounds(apart, decimals), markdown(chance(apart)))))
+    return " ".join(
+        filter(
+            None,
+            (signed(apart.value, decimals) + UNEQUAL * cell.across, bounds(apart, decimals), markdown(chance(apart))),
+        )
+    )
