@@ -323,3 +323,11 @@ def test_what_a_killed_generation_left_half_written_goes(tmp_path: Path) -> None
     os.utime(old, (0, 0))
     make(TINY, tmp_path)
     assert not old.exists() and new.exists()
+
+
+@pytest.mark.parametrize("name", ["capture.json", "s01/pose-0/tracked.npy", "topology.npz"])
+def test_a_capture_of_named_pipes_is_refused_at_once(copy: Path, name: str) -> None:
+    (copy / name).unlink()
+    os.mkfifo(copy / name)
+    with pytest.raises(InputError, match="regular file"):
+        _ = [frame.mesh.vertices for frame in OpenStage(copy).frames()]

@@ -6,12 +6,14 @@ import hashlib
 import json
 import re
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
+from ...files import JSON_LIMIT, read_bytes, read_text
 from ...memory import physical_memory
 from ...recording import Need
 from ...scene import Array, Camera, Directional, Environment, Frame, Group, Light, Mesh, Observation, Pose, Topology
@@ -21,6 +23,7 @@ from ..exr import read_exr, stack
 from .inventory import olat_name, recorded
 from .presets import SCHEMA
 
+_ARRAYS = 256 << 20  # bytes of a file of vertices
 _WIDEST = 1 << 15  # pixels a side of a picture
 _CACHE_SHARE = 1 / 16  # of the machine's memory, for single-light images as half floats: 295 kB each at `quick`
 
@@ -146,10 +149,10 @@ class OpenStage(Capture):
 def read_manifest(path: Path) -> tuple[str, dict[str, Any]]:
     """Text and values of a capture.json; raises `InputError` for one that is damaged or of another schema."""
     try:
-        text = path.read_text()
+        text = read_text(path, JSON_LIMIT, "capture")
         manifest = json.loads(text)
         schema = manifest["schema"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(f"{path} cannot be read ({error}); delete it and make the capture again") from error
     if schema != SCHEMA:
         raise InputError(f"{path} has schema {schema}, this version reads {SCHEMA}; make the capture again")
@@ -191,7 +194,7 @@ def _load(path: Path) -> Any:
     if path.suffix == ".npz":
         return read_arrays(path)
     try:
-        found = np.load(path)
+        found = np.load(BytesIO(read_bytes(path, _ARRAYS)))
         return found if isinstance(found, np.ndarray) else {name: found[name] for name in found.files}
     except Exception as error:  # of numpy, zip and zlib: whatever a flipped byte leads to
         raise InputError(f"{path} cannot be read ({error}); delete it and make the capture again") from error
