@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import handbench.bench.store as store
-import handbench.methods.nets.checkpoint as checkpoint
-import handbench.methods.nets.engine as engine
+import handbench.methods.kit.checkpoint as checkpoint
+import handbench.methods.kit.engine as engine
 import handbench.reports.write as write
 from handbench.cli import main
 from handbench.data.openstage.capture import OpenStage

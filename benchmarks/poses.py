@@ -14,7 +14,7 @@ import torch
 
 from handbench.data.capture import Capture
 from handbench.method import Avatar, Prior
-from handbench.methods.reflectance import PRESETS, ReflectancePrior
+from handbench.methods.reflectance.model import PRESETS, ReflectancePrior
 from handbench.methods.urhand.config import configuration
 from handbench.methods.urhand.method import URHandPrior
 from handbench.methods.urhand.model import URHandModel

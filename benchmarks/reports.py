@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.bench.record import (
+from handbench.bench.store import Store
+from handbench.results.record import (
     CaptureRecord,
     CellRecord,
     ColumnRecord,
@@ -24,7 +25,6 @@ from handbench.bench.record import (
     Spread,
     Times,
 )
-from handbench.bench.store import Store
 
 from .measure import Measurement, summary
 

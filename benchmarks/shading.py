@@ -13,13 +13,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from handbench.bench.speed.naive import naive_features
 from handbench.registry import CAPTURES
-from handbench.render.atlas import Atlas
-from handbench.render.posed import PosedSurface
-from handbench.render.shading import LightSet, light_features, light_samples
+from handbench.render.shade.shading import LightSet, light_features, light_samples
+from handbench.render.uv.atlas import Atlas
+from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Array, Directional, Frame, Group, Mesh
 from handbench.skips import NONE, Skips, skipping
+from handbench.studies.speed.naive import naive_features
 
 from .measure import Measurement, seconds, summary
 

@@ -18,7 +18,7 @@ from handbench.methods.urhand.config import Config, configuration
 from handbench.methods.urhand.method import URHand, URHandPrior
 from handbench.recording import Recording
 from handbench.registry import CAPTURES
-from handbench.render.posed import PosedSurface
+from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Frame
 
 from .measure import Measurement, seconds, summary

@@ -1,4 +1,4 @@
-"""Write methods/nets/weights/alexnet.safetensors: the first three layers of metrics/weights/lpips_alex.safetensors.
+"""Write methods/kit/weights/alexnet.safetensors: the first three layers of metrics/weights/lpips_alex.safetensors.
 
     python maintainer/make_alexnet_weights.py
 

@@ -13,11 +13,13 @@ ENTRIES: tuple[Entry, ...] = (
     ),
     Entry("mean", "handbench.methods.mean:create", "mean texture under the mean light: the floor", presets=False),
     Entry(
-        "phong", "handbench.methods.phong:create", "mean texture, Phong reflectance, fitted on the training subjects"
+        "phong",
+        "handbench.methods.reflectance.phong:create",
+        "mean texture, Phong reflectance, fitted on the training subjects",
     ),
     Entry(
         "physical",
-        "handbench.methods.physical:create",
+        "handbench.methods.reflectance.physical:create",
         "mean texture, the parametric BRDF of URHand on the coarse mesh",
     ),
     Entry(

@@ -7,14 +7,14 @@ from typing import Any
 
 import torch
 
-from handbench.data.texture import mean_texture
 from handbench.errors import Unsupported
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
-from handbench.render.raster import rasterise
+from handbench.render.see.raster import rasterise
 from handbench.scene import LIGHT_KINDS, Light, Prediction, Viewpoint, needed
 
-from .nets.weights import load_state, save_state
-from .picture import prediction
+from .kit.picture import prediction
+from .kit.texture import mean_texture
+from .kit.weights import load_state, save_state
 
 TEXTURE = 128
 

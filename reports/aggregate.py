@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handbench.bench.oldrecord import NOT_FINITE
-from handbench.bench.statistics import (
+from handbench.results.oldrecord import NOT_FINITE
+from handbench.results.statistics import (
     RESAMPLES,
     aggregate,
     bootstrap,
@@ -19,7 +19,7 @@ from handbench.bench.statistics import (
     over_seeds,
     seed_spread,
 )
-from handbench.bench.values import Values
+from handbench.results.values import Values
 from handbench.scene import Array
 
 from .model import Cell, Column

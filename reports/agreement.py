@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 from typing import Any
 
-from handbench.bench.statistics import differences
-from handbench.bench.values import Values
+from handbench.results.statistics import differences
+from handbench.results.values import Values
 
 from .model import Agreement, Column, Pair, Row, number
 

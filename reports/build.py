@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
-from handbench.bench.reading import Run, completed, mismatch, read_run
-from handbench.bench.record import CellRecord, MethodRecord, MetricRecord, ProtocolRecord, PublishedRecord, Spread
-from handbench.bench.statistics import CONFIDENCE, least_p
-from handbench.bench.values import Values, values_of
 from handbench.errors import InputError, unknown_name
+from handbench.results.reading import Run, completed, mismatch, read_run
+from handbench.results.record import CellRecord, MethodRecord, MetricRecord, ProtocolRecord, PublishedRecord, Spread
+from handbench.results.statistics import CONFIDENCE, least_p
+from handbench.results.values import Values, values_of
 from handbench.scene import FrameKind
 
 from .aggregate import Footnotes, column_cells, with_differences

@@ -11,10 +11,10 @@ from rich.console import RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from handbench.bench.reading import Run, mismatch, read_run
-from handbench.bench.statistics import CONFIDENCE, Difference, aggregate, corrected, differences, least_p
-from handbench.bench.values import Values, values_of
 from handbench.errors import InputError
+from handbench.results.reading import Run, mismatch, read_run
+from handbench.results.statistics import CONFIDENCE, Difference, aggregate, corrected, differences, least_p
+from handbench.results.values import Values, values_of
 
 from .build import shown_metric
 from .model import Group, Metric, letter, number

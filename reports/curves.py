@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from handbench.bench.record import CurvePoint
+from handbench.results.record import CurvePoint
 
 from .run import Run
 

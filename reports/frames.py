@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handbench.bench.record import CellRecord, ScoredFrame
 from handbench.errors import Damaged, InputError
+from handbench.results.record import CellRecord, ScoredFrame
 from handbench.scene import Array
 from handbench.scene.colour import srgb
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from handbench.bench.statistics import Difference
+from handbench.results.statistics import Difference
 
 COST_TITLES = ("train s", "personalise s", "new pose ms", "known pose, new light ms", "min–max", "non-linearity")
 LIGHT_TITLES = {  # of frame kinds, from the light that costs most to the one that costs least
@@ -120,7 +120,7 @@ class Row:
 
     enrolment       what enrolment gave it (`handbench.bench.given.Enrolled`), "" where a run does not tell
     marker          how a paper marks the row, "" if not
-    nonlinearity    greatest deviation from linearity in light (`handbench.bench.laws`) in any cell; None if unknown
+    nonlinearity    greatest deviation from linearity in light (`handbench.results.laws`) in any cell; None if unknown
     """
 
     name: str

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from handbench.bench.laws import LINEAR
+from handbench.results.laws import LINEAR
 
 from .aggregate import RESAMPLES
 from .agreement import headline, sentence

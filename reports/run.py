@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from handbench.bench.reading import Run, read_plan, read_run
-from handbench.bench.record import Device
+from handbench.results.reading import Run, read_plan, read_run
+from handbench.results.record import Device
 
 __all__ = ["Run", "machine", "read_plan", "read_run"]
 

@@ -12,11 +12,11 @@ from rich.console import RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from handbench.bench.record import Device
-from handbench.bench.schema import read as read_record
-from handbench.bench.speed.record import MITSUBA, RESULT, read
 from handbench.errors import InputError
 from handbench.files import whole, writing
+from handbench.results.record import Device
+from handbench.results.schema import read as read_record
+from handbench.studies.speed.record import MITSUBA, RESULT, read
 
 from .run import machine
 from .template import UNREADABLE, environment

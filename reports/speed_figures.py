@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from handbench.bench.speed.equal_error import TARGETS, pareto
-from handbench.bench.speed.measure import Point
+from handbench.studies.speed.equal_error import TARGETS, pareto
+from handbench.studies.speed.measure import Point
 
 COLOURS = {
     "handbench": "#b3471d",

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from handbench.bench.stress.case import Result
-from handbench.bench.stress.record import FILE, SCHEMA, summaries
 from handbench.errors import InputError
 from handbench.files import read_json
+from handbench.studies.stress.case import Result
+from handbench.studies.stress.record import FILE, SCHEMA, summaries
 
 from .template import UNREADABLE, environment
 

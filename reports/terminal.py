@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from handbench.bench.statistics import Difference
+from handbench.results.statistics import Difference
 
 from .agreement import headline, sentence
 from .model import (

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import handbench
-from handbench.bench.schema import plain
 from handbench.errors import Absent
 from handbench.files import JSON_LIMIT, read_bytes, read_text, whole, writing
+from handbench.results.schema import plain
 
 from .agreement import as_json
 from .build import build

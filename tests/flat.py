@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from handbench.bench.reading import read_run
-from handbench.bench.record import CellRecord
-from handbench.bench.schema import plain
+from handbench.results.reading import read_run
+from handbench.results.record import CellRecord
+from handbench.results.schema import plain
 
 
 def flat_cells(folder: Path) -> list[dict[str, Any]]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 import pytest
 
-from handbench.bench.reading import role_of
 from handbench.errors import InputError
 from handbench.method import MethodInfo
 from handbench.registry import METHODS
+from handbench.results.record import MethodRecord
 
 
 def test_truth_and_floor_calibrate_and_methods_compete() -> None:
@@ -18,18 +17,9 @@ def test_truth_and_floor_calibrate_and_methods_compete() -> None:
     assert roles == {"oracle": "calibration", "mean": "calibration", "phong": "method", "urhand": "method"}
 
 
-def test_the_role_is_read_from_the_record_and_not_from_prose() -> None:
-    floor = MethodInfo("f", "F", "a floor", role="calibration", fidelity="the floor")
+def test_the_role_is_declared_and_not_read_from_prose() -> None:
     praised = MethodInfo("p", "P", "a method", fidelity="calibration of colours is built in")
-    assert role_of(asdict(floor)) == "calibration" and role_of(asdict(praised)) == "method"
-
-
-@pytest.mark.parametrize(
-    ("truth", "fidelity", "role"),
-    [(True, "the truth", "calibration"), (False, "calibration: the floor", "calibration"), (False, "other", "method")],
-)
-def test_runs_before_there_was_a_role_are_still_read(truth: bool, fidelity: str, role: str) -> None:
-    assert role_of({"truth": truth, "fidelity": fidelity}) == role
+    assert praised.role == "method" and MethodRecord("p", "P", fidelity=praised.fidelity).role == "method"
 
 
 @pytest.mark.parametrize(

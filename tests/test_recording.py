@@ -14,8 +14,8 @@ from handbench.method import silent
 from handbench.recording import PARTS, Recording
 from handbench.remote.method import _replies
 from handbench.remote.wire import Codec
-from handbench.render.atlas import Atlas
-from handbench.render.raster import rasterise
+from handbench.render.see.raster import rasterise
+from handbench.render.uv.atlas import Atlas
 from handbench.scene import Camera, Directional, Frame, Mesh, Observation, Pose, Topology, Unknown, needed
 
 SECRET = 0.123456789  # in every array that is not given below

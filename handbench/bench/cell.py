@@ -17,12 +17,12 @@ from ..data.capture import Capture, by_key, read
 from ..errors import BadFrame, Changed, StorageError, Unsupported
 from ..method import Avatar, Method, MethodInfo, PosedAvatar, Progress, RecordedAvatar
 from ..recording import Recording
+from ..results.laws import measured
 from ..scene import Frame, Light, Observation, Prediction, Query, kind_of, leaves
 from ..skips import tallied
 from . import given
 from .failure import Failure, failure
 from .isolation import isolated
-from .laws import measured
 from .lending import Lender, answered, copied
 from .plan import Cell
 from .priors import Curve, Priors

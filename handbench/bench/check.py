@@ -16,11 +16,11 @@ from ..data.capture import Capture, open_capture
 from ..errors import Changed, HandbenchError, NonFinite, Unsupported
 from ..method import Avatar, Method, PosedAvatar, Prior, RecordedAvatar
 from ..registry import METHODS
+from ..results.laws import LINEAR, deviation, deviations, drawing
 from ..scene import Frame, Observation, Prediction, Query, Viewpoint
 from . import given
 from .cell import CaptureReader, blame, light_refusal
 from .isolation import isolated
-from .laws import LINEAR, deviation, deviations, drawing
 from .lending import Lender, answered
 from .plan import check_preset, make_method
 from .progress import steps

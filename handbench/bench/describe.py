@@ -7,12 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..method import Method
-from .given import enrolled_with
-from .oldrecord import table
-from .plan import Cell, Plan
-from .protocol import Protocol, Published, Selected
-from .provenance import device
-from .record import (
+from ..results.oldrecord import table
+from ..results.record import (
     CaptureRecord,
     CellRecord,
     ColumnRecord,
@@ -24,7 +20,11 @@ from .record import (
     PublishedRecord,
     RunRecord,
 )
-from .schema import plain, read
+from ..results.schema import plain, read
+from .given import enrolled_with
+from .plan import Cell, Plan
+from .protocol import Protocol, Published, Selected
+from .provenance import device
 
 
 def run_record(

@@ -23,10 +23,10 @@ from ..memory import keep_freed_memory
 from ..method import Method, Progress
 from ..metricspec import MetricSpec
 from ..registry import CAPTURES, METRICS, Entry
+from ..results.record import CellRecord, Provenance
 from .plan import Cell, Plan, make_method, make_plan, method_entries, refusals
 from .progress import Steps
 from .protocol import Protocol, resolve
-from .record import CellRecord, Provenance
 from .store import Store
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, get_args
 import numpy as np
 
 from ..errors import Changed
-from ..render.atlas import forget as forget_atlases
+from ..render.uv.atlas import forget as forget_atlases
 from ..scene import Array, Frame, Light, Prediction
 from .protocol import Selected
 

@@ -31,10 +31,10 @@ from ..errors import HandbenchError, InputError
 from ..method import Method
 from ..metricspec import MetricSpec
 from ..registry import METHODS, METRICS, Entry
+from ..source import source_digests
 from .given import refusal
 from .isolation import isolated
 from .protocol import Protocol, Selected, digest
-from .source import source_digests
 
 _PACKAGES = ("torch", "jax", "mitsuba")  # whose releases change what methods and captures compute
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from ..errors import InputError
 from ..files import writing
 from ..method import Method, Prior, Progress, Recording
-from ..render.shadowstore import default_folder, kept_on_disk
-from .record import CurvePoint
+from ..render.see.shadowstore import default_folder, kept_on_disk
+from ..results.record import CurvePoint
 from .store import Store
 
 _CURVE_POINTS = 500

@@ -17,7 +17,7 @@ from pathlib import Path
 from .. import __version__
 from ..device import device_name
 from ..memory import physical_memory
-from .record import Device, Git, Plugin, Provenance
+from ..results.record import Device, Git, Plugin, Provenance
 
 
 def provenance(command: list[str], targets: Iterable[str] = ()) -> Provenance:

@@ -21,7 +21,7 @@ def add(verbs: Any) -> None:
 
 
 def _audit(arguments: argparse.Namespace) -> int:
-    from ..bench.audit import audit
+    from ..studies.audit import audit
 
     tables = importlib.import_module("handbench.reports").table
     words = {True: "holds", False: "BROKEN", None: "n/a"}

@@ -15,7 +15,7 @@ from .shared import names
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..bench.gate import Check, Outcome
+    from ..results.gate import Check, Outcome
 
 _CODES = (
     "exit codes: 0 pass, 1 regression, 2 not comparable or bad input, 3 the candidate run failed; others as everywhere"
@@ -44,8 +44,8 @@ def add(verbs: Any) -> None:
 
 
 def _gate(arguments: argparse.Namespace) -> int:
-    from ..bench.gate import Quality, gate
-    from ..bench.reading import read_run
+    from ..results.gate import Quality, gate
+    from ..results.reading import read_run
 
     share, amounts = arguments.quality
     candidate, baseline = read_run(arguments.candidate), read_run(arguments.baseline)

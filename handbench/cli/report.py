@@ -16,7 +16,7 @@ from ..terminal import say, show
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..bench.results import Answer
+    from ..results.query import Answer
 
 _FORMATS = ("terminal", "latex", "csv", "markdown", "html", "figures")
 _QUERY = """\
@@ -80,8 +80,8 @@ def _compare(arguments: argparse.Namespace) -> int:
 
 
 def _query(arguments: argparse.Namespace) -> int:
-    from ..bench.reading import read_run
-    from ..bench.results import Results
+    from ..results.query import Results
+    from ..results.reading import read_run
 
     with Results([read_run(folder) for folder in arguments.runs]) as results:
         answer = results.query(arguments.sql)

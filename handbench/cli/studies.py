@@ -36,9 +36,9 @@ def add(verbs: Any) -> None:
 
 
 def _stress(arguments: argparse.Namespace) -> int:
-    from ..bench.stress.record import render
-    from ..bench.stress.run import chosen_cases, stress
     from ..files import check_folder
+    from ..studies.stress.record import render
+    from ..studies.stress.run import chosen_cases, stress
 
     if arguments.list:
         for case in chosen_cases(arguments.methods, arguments.only):
@@ -58,9 +58,9 @@ def _stress(arguments: argparse.Namespace) -> int:
 
 def _speed(arguments: argparse.Namespace) -> int:
     from ..bench.progress import steps
-    from ..bench.speed.record import write
-    from ..bench.speed.study import study
     from ..files import check_folder
+    from ..studies.speed.record import write
+    from ..studies.speed.study import study
 
     check_folder(arguments.out)
     with steps() as told:

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from ..bench.source import source_digest
 from ..checkpoint import checkpoints_in
 from ..device import on_device
 from ..method import Avatar, Method, PosedAvatar, Prior, RecordedAvatar
 from ..recording import Recording
 from ..scene import Array, Frame, Light, Observation, Prediction, Query, Viewpoint
 from ..skips import Skips, skipping, tallied
+from ..source import source_digest
 from .faults import describe, revive
 from .wire import Channel, Closed
 

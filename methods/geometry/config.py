@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from handbench.errors import InputError, unknown_name
 
-from ..nets.engine import Budget
+from ..kit.engine import Budget
 from .networks import HALVINGS
 
 

@@ -20,7 +20,8 @@ from handbench.hand import hand_of
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.scene import Light, Mesh, Prediction, Viewpoint, needed
 
-from .. import physical, urhand
+from .. import urhand
+from ..reflectance import physical
 from .model import GeometryModel
 from .tracker import NAME, GeometryPrior, Tracker, Tracking
 from .tracker import create as create_tracker

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from handbench.hand import HandModel
 from handbench.scene import Array, Camera, Pose
 
-from ..nets.layers import channels_last
+from ..kit.layers import channels_last
 from .config import Config
 from .networks import OFFSET, IdentityDecoder, IdentityEncoder, PoseDecoder, PoseEncoder, principal
 from .scan import Scan, depth_maps

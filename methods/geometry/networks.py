@@ -7,7 +7,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from ..nets.layers import Down, activate, initialise
+from ..kit.layers import Down, activate, initialise
 
 HALVINGS = 4
 _CHANNELS = (16, 32, 48, 64)

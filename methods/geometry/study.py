@@ -16,7 +16,6 @@ from handbench.bench.progress import steps
 from handbench.bench.protocol import Protocol, resolve
 from handbench.bench.provenance import provenance
 from handbench.bench.run import find_protocol
-from handbench.bench.schema import plain
 from handbench.data.capture import Capture, open_capture
 from handbench.errors import StorageError, Unsupported
 from handbench.files import whole
@@ -24,6 +23,7 @@ from handbench.hand import hand_of
 from handbench.method import Progress, Recording, silent
 from handbench.metrics.geometry.points import point_error
 from handbench.metrics.geometry.surface import mean, percentile95, surface_distances
+from handbench.results.schema import plain
 from handbench.scene import Array, Frame, Mesh, needed
 
 from .neutral import full_frames, neutral

@@ -15,7 +15,7 @@ from handbench.hand import hand_model, hand_of
 from handbench.method import Progress, Recording, silent
 from handbench.scene import Array, Frame, Mesh, Pose, Topology, Viewpoint, needed
 
-from ..nets.weights import load_state, save_state
+from ..kit.weights import load_state, save_state
 from .config import Config, configuration
 from .model import GeometryModel, Shape, combined
 from .neutral import Neutral, full_frames, neutral

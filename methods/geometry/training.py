@@ -14,7 +14,7 @@ from handbench.hand import HandModel
 from handbench.method import Progress, Recording
 from handbench.scene import Array, Camera, needed
 
-from ..nets.engine import Player, fit
+from ..kit.engine import Player, fit
 from .model import GeometryModel
 from .networks import divergence
 from .neutral import Neutral, full_frames, neutral, warped

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 
 from handbench.errors import InputError, unknown_name
 
-from ..nets.engine import Budget
+from ..kit.engine import Budget
 from .networks import HALVINGS
 
 Bias: TypeAlias = Literal["outside", "inside"]

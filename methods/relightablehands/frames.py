@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from handbench.render.posed import PosedSurface
-from handbench.render.surface import unit
+from handbench.render.uv.posed import PosedSurface
+from handbench.render.uv.surface import unit
 
 
 def tangent_frames(posed: PosedSurface) -> Tensor:

@@ -14,13 +14,13 @@ from torch import Tensor
 from handbench.errors import Unsupported
 from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
-from handbench.render.posed import PosedSurface
-from handbench.render.raster import rasterise
+from handbench.render.see.raster import rasterise
+from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Array, Light, Prediction, Viewpoint, needed
 from handbench.skips import note, skips
 
-from ..nets.weights import load_state, save_state
-from ..picture import prediction
+from ..kit.picture import prediction
+from ..kit.weights import load_state, save_state
 from .config import Config, configuration
 from .model import RelightableHandsModel, Seen, lit
 from .training import train

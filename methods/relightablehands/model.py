@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from handbench.render.atlas import Atlas
-from handbench.render.posed import PosedSurface
-from handbench.render.surface import unit
+from handbench.render.uv.atlas import Atlas
+from handbench.render.uv.posed import PosedSurface
+from handbench.render.uv.surface import unit
 from handbench.scene import Array
 
-from ..nets.layers import channels_last
+from ..kit.layers import channels_last
 from .config import Bias, Config
 from .frames import tangent_frames
 from .networks import TextureDecoder

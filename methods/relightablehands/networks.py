@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from ..nets.layers import Down, Keep, Up, activate, concat, initialise, tile_pose
+from ..kit.layers import Down, Keep, Up, activate, concat, initialise, tile_pose
 
 INPUTS = 7  # view direction, light direction, visibility
 OUTPUTS = 4  # texture, shadow

@@ -14,9 +14,9 @@ from handbench.method import Progress, Recording, silent
 from handbench.scene import Array
 from handbench.scene.colour import unclipped_srgb
 
-from ..nets.engine import Player, fit, light_weights
-from ..nets.perceptual import perceptual_loss
-from ..views import View, views
+from ..kit.engine import Player, fit, light_weights
+from ..kit.perceptual import perceptual_loss
+from ..kit.views import View, views
 from .config import Config
 from .model import NEAREST, RelightableHandsModel, Seen, lit
 

@@ -8,8 +8,8 @@ from typing import Literal
 from handbench.errors import InputError, unknown_name
 from handbench.light.spread import ENVIRONMENT_ERROR
 
-from ..nets.engine import Budget
-from ..views import Shadows
+from ..kit.engine import Budget
+from ..kit.views import Shadows
 from .networks import HALVINGS
 
 _BYTE = 255.0  # the papers weigh losses of images of 0..255, ours are 0..1

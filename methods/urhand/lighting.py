@@ -9,8 +9,8 @@ from torch import Tensor
 from handbench.errors import Unsupported
 from handbench.light.environment import solid_angles, texels
 from handbench.light.lightset import LightSet
-from handbench.render.posed import PosedSurface
-from handbench.render.shading import KnownSurface, Model
+from handbench.render.shade.shading import KnownSurface, Model
+from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Array
 
 from .config import Config

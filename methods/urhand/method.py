@@ -13,15 +13,15 @@ from handbench.device import device
 from handbench.errors import InputError
 from handbench.light.lightset import light_samples
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
-from handbench.render.posed import PosedSurface
-from handbench.render.raster import rasterise
+from handbench.render.see.raster import rasterise
+from handbench.render.uv.posed import PosedSurface
 from handbench.scene import KNOWN_LIGHTS, Light, Prediction, Viewpoint, needed
 
 from ..ablations import ABLATIONS
-from ..nets.weights import load_state, save_state
-from ..picture import prediction
-from ..reflectance import FULLY_LIT, normalised_texture
-from ..views import visibility
+from ..kit.picture import prediction
+from ..kit.views import visibility
+from ..kit.weights import load_state, save_state
+from ..reflectance.model import FULLY_LIT, normalised_texture
 from . import lighting
 from .config import Config, configuration
 from .model import URHandModel

@@ -9,10 +9,10 @@ import torch
 from torch import Tensor, nn
 
 from handbench.light.lightset import LightSet
-from handbench.render.atlas import Atlas
-from handbench.render.posed import PosedSurface
+from handbench.render.uv.atlas import Atlas
+from handbench.render.uv.posed import PosedSurface
 
-from ..nets.layers import channels_last
+from ..kit.layers import channels_last
 from . import lighting
 from .config import Config
 from .networks import HALVINGS, EnvironmentEncoder, FeatureEncoder, NeuralBranch, PhysicalBranch

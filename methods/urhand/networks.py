@@ -11,7 +11,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from ..nets.layers import Down, Keep, Up, activate, concat, initialise, tile_pose
+from ..kit.layers import Down, Keep, Up, activate, concat, initialise, tile_pose
 
 # Sec. 4.2: six layers each way, all inner channels 64; six halvings take 1024 texels to the 16 of Sec. 5.2.
 UNET_CHANNELS = (3, 64, 64, 64, 64, 64, 64)

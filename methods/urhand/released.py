@@ -12,8 +12,8 @@ from torch.utils.checkpoint import checkpoint
 
 from handbench.errors import Unsupported
 from handbench.light.lightset import LightSet
-from handbench.render.brdf import specular
-from handbench.render.surface import unit
+from handbench.render.shade.brdf import specular
+from handbench.render.uv.surface import unit
 from handbench.scene import Array
 
 POWERS = (1, 16, 32)
@@ -23,7 +23,7 @@ SCALE = 10.0
 def released_features(
     normal: Tensor, position: Tensor, roughness: Tensor, centre: Array, lights: LightSet, visible: Tensor | None
 ) -> tuple[Tensor, Tensor]:
-    """Diffuse and specular features (3, N), arguments as in `handbench.render.shading.light_features`.
+    """Diffuse and specular features (3, N), arguments as in `handbench.render.shade.shading.light_features`.
 
     Light by light, so that no buffer grows with their number. Raises `Unsupported` for near lights.
     """

@@ -11,15 +11,15 @@ from torch import Tensor
 from handbench.errors import Unsupported
 from handbench.light.lightset import LightSet
 from handbench.method import Progress, Recording
-from handbench.render.shading import light_features
+from handbench.render.shade.shading import light_features
 from handbench.scene import Array
 from handbench.scene.colour import unclipped_srgb
 
-from ..nets.discriminator import Discriminator, discriminator_loss, generator_loss
-from ..nets.engine import Player, fit, light_weights
-from ..nets.perceptual import patch, perceptual_loss
-from ..reflectance import normalised_texture
-from ..views import View, views
+from ..kit.discriminator import Discriminator, discriminator_loss, generator_loss
+from ..kit.engine import Player, fit, light_weights
+from ..kit.perceptual import patch, perceptual_loss
+from ..kit.views import View, views
+from ..reflectance.model import normalised_texture
 from . import lighting
 from .model import Material, URHandModel
 

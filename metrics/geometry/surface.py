@@ -28,7 +28,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from handbench.errors import InputError, Unsupported
-from handbench.render.surface import vertex_normals
+from handbench.render.uv.surface import vertex_normals
 from handbench.scene import Array, Mesh
 
 from ..base import PairFamily

@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-import handbench.bench.audit.evidence as evidence_module
-from handbench.bench.audit import CHECKS, audit, injection, pixels, separation
-from handbench.bench.audit.evidence import Evidence, gather
+import handbench.studies.audit.evidence as evidence_module
 from handbench.bench.protocol import Selection
-from handbench.bench.recordfile import sealed
 from handbench.bench.run import find_protocol, run
 from handbench.cli import main
 from handbench.data.exr import read_exr, write_exr
 from handbench.errors import Damaged, InputError
 from handbench.methods.oracle import OracleAvatar
 from handbench.reports import table
+from handbench.results.recordfile import sealed
 from handbench.scene import Directional, Environment, Point, Prediction, Query
+from handbench.studies.audit import CHECKS, audit, injection, pixels, separation
+from handbench.studies.audit.evidence import Evidence, gather
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def verdict(folder: Path, check: str) -> tuple[bool | None, str]:
 
 
 def _only(check: str, evidence: Evidence) -> Any:
-    from handbench.bench.audit import _tried
+    from handbench.studies.audit import _tried
 
     yield _tried(check, CHECKS[check], evidence)
 
@@ -252,7 +252,7 @@ def test_a_changed_value_is_refused_by_its_digest(copy: Path) -> None:
 
 
 def test_a_broken_check_gives_exit_code_1(copy: Path, capsys: pytest.CaptureFixture, monkeypatch) -> None:
-    monkeypatch.setattr("handbench.bench.audit.CHECKS", {"oracle perfect": CHECKS["oracle perfect"]})
+    monkeypatch.setattr("handbench.studies.audit.CHECKS", {"oracle perfect": CHECKS["oracle perfect"]})
     oracle_not_perfect(copy)
     assert main(["audit", str(copy)]) == 1
     assert "BROKEN" in capsys.readouterr().out

@@ -27,10 +27,10 @@ from handbench.bench.executor import Job
 from handbench.bench.plan import Cell, Shard, by_prior
 from handbench.bench.protocol import Protocol
 from handbench.bench.run import run
-from handbench.bench.schema import plain
 from handbench.bench.store import Store
 from handbench.cli import main
 from handbench.errors import InputError
+from handbench.results.schema import plain
 
 FAKES = Path(__file__).parent / "fakes"
 PATIENCE = 240.0  # seconds, after which a process hangs: a busy machine takes a minute to start three

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handbench.bench.gate import Check, Outcome, Quality, Verdict, gate
-from handbench.bench.reading import read_run
 from handbench.cli import main
 from handbench.errors import InputError
+from handbench.results.gate import Check, Outcome, Quality, Verdict, gate
+from handbench.results.reading import read_run
 
 sys.path.append(str(Path(__file__).parent / "fakes"))
 from runfakes import CPU, plain, write_run

@@ -22,7 +22,7 @@ from handbench.bench.protocol import resolve
 from handbench.bench.run import run
 from handbench.bench.store import Store
 from handbench.errors import Changed, InputError
-from handbench.render.atlas import Atlas
+from handbench.render.uv.atlas import Atlas
 from handbench.scene import Environment, Light, Viewpoint, leaves
 
 ROGUE = "toy-lossy"

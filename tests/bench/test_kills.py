@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from handbench.bench.recordfile import sealed
 from handbench.bench.store import Store
+from handbench.results.recordfile import sealed
 
 ROOT = Path(__file__).parents[2]
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from handbench.bench.laws import deviation, deviations, drawing, measured, pairs_of
 from handbench.errors import Unsupported
 from handbench.method import Avatar, PosedAvatar
+from handbench.results.laws import deviation, deviations, drawing, measured, pairs_of
 from handbench.scene import (
     Array,
     Camera,

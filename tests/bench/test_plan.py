@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 import handbench.bench.plan as plans
-import handbench.bench.source as source
+import handbench.source as source
 from handbench.bench.plan import Cell, make_plan
-from handbench.bench.source import source_digest, source_digests
 from handbench.errors import InputError
 from handbench.registry import Entry
+from handbench.source import source_digest, source_digests
 
 
 def key(protocol, capture="digest", methods=("toy",), seeds=(0,), preset=None):

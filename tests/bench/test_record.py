@@ -15,14 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handbench.bench.gate import Quality, gate
-from handbench.bench.reading import read_run
-from handbench.bench.record import CellRecord, CurvePoint, MethodRecord, ScoredFrame, Spread, Times
-from handbench.bench.recordfile import documentation, dump, parse, sealed
-from handbench.bench.results import Results
-from handbench.bench.schema import plain
 from handbench.bench.store import Store
-from handbench.bench.values import values_of
 from handbench.cli import main
 from handbench.errors import Damaged, InputError, StorageError
 from handbench.reports import render_csv, render_latex, render_markdown, render_terminal, table
@@ -30,6 +23,13 @@ from handbench.reports.curves import curves
 from handbench.reports.figures import chosen
 from handbench.reports.page import Shown, render_page
 from handbench.reports.pareto import draw, plots, told
+from handbench.results.gate import Quality, gate
+from handbench.results.query import Results
+from handbench.results.reading import read_run
+from handbench.results.record import CellRecord, CurvePoint, MethodRecord, ScoredFrame, Spread, Times
+from handbench.results.recordfile import documentation, dump, parse, sealed
+from handbench.results.schema import plain
+from handbench.results.values import values_of
 from handbench.scene import Prediction
 
 sys.path.append(str(Path(__file__).parent / "fakes"))
@@ -101,7 +101,7 @@ def test_a_field_that_does_not_fit_is_named(change: dict[str, Any], message: str
 
 def test_the_page_of_the_records_is_made_from_them() -> None:
     told = (ROOT / "docs" / "records.md").read_text(encoding="utf-8")
-    assert told == documentation(), "write it anew: python -m handbench.bench.recordfile > docs/records.md"
+    assert told == documentation(), "write it anew: python -m handbench.results.recordfile > docs/records.md"
 
 
 def test_times_of_version_1_that_did_not_say_what_they_measured_are_left_out_with_a_remark(tmp_path: Path) -> None:

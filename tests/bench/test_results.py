@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.reading import Run, mismatch, read_run
-from handbench.bench.record import CaptureRecord
-from handbench.bench.results import Answer, Results
-from handbench.bench.values import NOT_COMPUTED, values_of
 from handbench.cli import main
 from handbench.errors import Damaged, InputError
+from handbench.results.query import Answer, Results
+from handbench.results.reading import Run, mismatch, read_run
+from handbench.results.record import CaptureRecord
+from handbench.results.values import NOT_COMPUTED, values_of
 
 sys.path.append(str(Path(__file__).parent / "fakes"))
 from runfakes import plain, write_run
@@ -232,8 +232,8 @@ def test_reading_results_loads_no_pandas(folder: Path, tmp_path: Path) -> None:
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
         "from pathlib import Path\n"
-        "from handbench.bench.reading import read_run\n"
-        "from handbench.bench.results import Results\n"
+        "from handbench.results.reading import read_run\n"
+        "from handbench.results.query import Results\n"
         f"run = read_run(Path({str(folder)!r}))\n"
         "with Results([run]) as results:\n"
         "    assert results.query('SELECT * FROM scores').rows\n"

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from flat import flat_cells as cells
 
-from handbench.bench.record import CurvePoint, PublishedRecord
 from handbench.bench.run import find_protocol, run
 from handbench.bench.store import Store
 from handbench.data.exr import read_exr
 from handbench.errors import InputError
+from handbench.results.record import CurvePoint, PublishedRecord
 from handbench.scene import Directional, Environment, Group, leaves
 from handbench.skips import note
 
@@ -307,7 +307,7 @@ def test_times_are_what_their_names_say(fakes, toy_protocol, tmp_path, monkeypat
         for spreads, expected in ((new, {"environment": 120}), (known, {"environment": 60})):
             for kind, spread in spreads.items():
                 least = expected.get(kind, 80 if spreads is new else 20)
-                assert least <= spread["min"] < least + 18, kind  # a busy machine only adds, and not to every draw
+                assert least <= spread["min"] < least + 35, kind  # a busy machine only adds, and not to every draw
     assert any(cell["times"]["known_pose_ms"] for cell in cells(tmp_path))
 
 

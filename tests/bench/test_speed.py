@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 import torch
 
-from handbench.bench.speed import record, study, truth
-from handbench.bench.speed.competitors import Naive, bitmap
-from handbench.bench.speed.configurations import Configuration
-from handbench.bench.speed.core import Core
-from handbench.bench.speed.equal_error import Reached, pareto, speed_up, table, time_at
-from handbench.bench.speed.measure import Curve, Point, timed
-from handbench.bench.speed.naive import naive_features
-from handbench.bench.speed.scaling import fit
-from handbench.bench.speed.scene import Scene, moved, natural_hand, palmar_camera
 from handbench.light.environment import solid_angles
 from handbench.light.lightset import LightSet
 from handbench.light.skybox import skybox
-from handbench.render.shading import light_features
+from handbench.render.shade.shading import light_features
 from handbench.scene import Environment
+from handbench.studies.speed import record, study, truth
+from handbench.studies.speed.competitors import Naive, bitmap
+from handbench.studies.speed.configurations import Configuration
+from handbench.studies.speed.core import Core
+from handbench.studies.speed.equal_error import Reached, pareto, speed_up, table, time_at
+from handbench.studies.speed.measure import Curve, Point, timed
+from handbench.studies.speed.naive import naive_features
+from handbench.studies.speed.scaling import fit
+from handbench.studies.speed.scene import Scene, moved, natural_hand, palmar_camera
 
 
 def points(*pairs: tuple[float, float]) -> tuple[Point, ...]:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from handbench.bench.statistics import (
+from handbench.results.statistics import (
     RESAMPLES,
     Difference,
     aggregate,
@@ -106,7 +106,7 @@ def test_the_interval_repeats_and_needs_two_frames() -> None:
 def test_many_frames_are_drawn_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     values, subjects = np.random.default_rng(0).normal(size=(2, 60)), np.repeat(np.arange(3), 20)
     whole = bootstrap(values, subjects, 0)
-    monkeypatch.setattr("handbench.bench.statistics._BLOCK", 20 * 300)
+    monkeypatch.setattr("handbench.results.statistics._BLOCK", 20 * 300)
     blocks = bootstrap(values, subjects, 0)
     assert blocks.mean() == pytest.approx(whole.mean(), abs=0.02) and blocks.std() == pytest.approx(
         whole.std(), rel=0.1

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.record import SCHEMA, CellRecord, MethodRecord, ScoredFrame, Times
 from handbench.bench.run import run
 from handbench.bench.store import Store
 from handbench.errors import InputError, StorageError
+from handbench.results.record import SCHEMA, CellRecord, MethodRecord, ScoredFrame, Times
 from handbench.scene import Prediction
 
 

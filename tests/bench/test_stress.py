@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 import torch
 
-from handbench.bench.stress.case import Case, Result
-from handbench.bench.stress.outcome import Compared, accurate, equal, finite_or, observe, relative_error
-from handbench.bench.stress.record import render, summaries
-from handbench.bench.stress.runner import Source, run_cases
-from handbench.bench.stress.suite import select, suite
 from handbench.cli import main
 from handbench.errors import HandbenchError, InputError, Unsupported
+from handbench.studies.stress.case import Case, Result
+from handbench.studies.stress.outcome import Compared, accurate, equal, finite_or, observe, relative_error
+from handbench.studies.stress.record import render, summaries
+from handbench.studies.stress.runner import Source, run_cases
+from handbench.studies.stress.suite import select, suite
 
 FAKES = Path(__file__).parent / "fakes"
 
@@ -156,8 +156,8 @@ def test_the_verb_writes_a_record_and_says_by_its_exit_code_whether_all_is_well(
 def test_a_failure_makes_the_exit_code_1(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, planted: ModuleType, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("handbench.bench.stress.run.suite", lambda methods: planted.suite())
-    monkeypatch.setattr("handbench.bench.stress.run.source", lambda methods: Source("stressfakes:suite"))
+    monkeypatch.setattr("handbench.studies.stress.run.suite", lambda methods: planted.suite())
+    monkeypatch.setattr("handbench.studies.stress.run.source", lambda methods: Source("stressfakes:suite"))
     assert main(["stress", "--only", "planted/*NaN*", "--out", str(tmp_path)]) == 1
     out = re.sub(r"\s+", " ", capsys.readouterr().out)
     assert "FAIL planted/silent NaN" in out and "2 of 2 cases came out unexpected" in out

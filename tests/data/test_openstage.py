@@ -22,7 +22,7 @@ from handbench.data.openstage.stage import ENVIRONMENT_IRRADIANCE, lightings
 from handbench.errors import BadFrame, InputError, StorageError
 from handbench.hand.openhand import OpenHand
 from handbench.light.environment import solid_angles
-from handbench.render.raster import rasterise
+from handbench.render.see.raster import rasterise
 from handbench.scene import Environment, leaves
 from handbench.scene.colour import eight_bit
 

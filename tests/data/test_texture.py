@@ -8,12 +8,12 @@ import torch
 
 from handbench.data.openstage.presets import preset
 from handbench.data.openstage.stage import cameras
-from handbench.data.texture import mean_texture
 from handbench.errors import Unsupported
 from handbench.hand.openhand import OpenHand, named_pose
 from handbench.method import Recording
-from handbench.render.atlas import Atlas
-from handbench.render.raster import rasterise
+from handbench.methods.kit.texture import mean_texture
+from handbench.render.see.raster import rasterise
+from handbench.render.uv.atlas import Atlas
 from handbench.scene import Directional, Frame, Mesh, Observation
 
 SIZE = 64

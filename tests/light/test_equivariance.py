@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from handbench.light.environment import rotate
 from handbench.light.lightset import light_samples
 from handbench.registry import CAPTURES
-from handbench.render.posed import PosedSurface
-from handbench.render.shading import light_features
+from handbench.render.shade.shading import light_features
+from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Array, Directional, Environment, Group, Light, Mesh, Point
 
 SIZE = 64

@@ -16,9 +16,9 @@ from torch import Tensor, nn
 
 from handbench.checkpoint import checkpoints_in
 from handbench.errors import InputError, NonFinite
-from handbench.methods.nets import checkpoint
-from handbench.methods.nets.engine import Budget, Player, fit, light_weights
-from handbench.methods.nets.layers import Keep, channels_last
+from handbench.methods.kit import checkpoint
+from handbench.methods.kit.engine import Budget, Player, fit, light_weights
+from handbench.methods.kit.layers import Keep, channels_last
 
 BUDGET = Budget(steps=60, batch=2, rate=(1e-2, 1e-3), warmup=5)
 

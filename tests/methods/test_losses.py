@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from handbench.methods.nets import alexnet
-from handbench.methods.nets.discriminator import Discriminator, discriminator_loss, generator_loss
-from handbench.methods.nets.perceptual import PATCH, patch, perceptual_loss
+from handbench.methods.kit import alexnet
+from handbench.methods.kit.discriminator import Discriminator, discriminator_loss, generator_loss
+from handbench.methods.kit.perceptual import PATCH, patch, perceptual_loss
 from handbench.metrics import networks
 
 

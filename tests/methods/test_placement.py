@@ -14,16 +14,16 @@ import pytest
 import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from handbench.hand import OpenHand, named_pose
+from handbench.hand.openhand import OpenHand, named_pose
 from handbench.light.lightset import LightSet
 from handbench.methods.relightablehands.config import PRESETS as RELIGHTABLE
 from handbench.methods.relightablehands.model import RelightableHandsModel, Seen, lit
 from handbench.methods.urhand import lighting
 from handbench.methods.urhand.config import configuration
 from handbench.methods.urhand.model import URHandModel
-from handbench.render import shading
-from handbench.render.posed import PosedSurface
-from handbench.render.raster import rasterise
+from handbench.render.see.raster import rasterise
+from handbench.render.shade import shading
+from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Camera, Mesh
 from handbench.skips import NONE, skipping
 

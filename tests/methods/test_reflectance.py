@@ -10,8 +10,14 @@ import pytest
 
 from handbench.errors import Unsupported
 from handbench.method import Recording
-from handbench.methods import mean, oracle, phong, physical
-from handbench.methods.reflectance import ReflectancePrior, _Fit, full_exposure, normalised_texture
+from handbench.methods import mean, oracle
+from handbench.methods.reflectance import phong, physical
+from handbench.methods.reflectance.model import (
+    ReflectancePrior,
+    _Fit,
+    full_exposure,
+    normalised_texture,
+)
 from handbench.scene import Frame, Group
 from handbench.skips import NONE, Skips, skipping, tallied
 

@@ -12,14 +12,14 @@ import torch
 from handbench.checkpoint import checkpoints_in
 from handbench.errors import InputError, Unsupported
 from handbench.method import Avatar, Recording
+from handbench.methods.kit.views import View, views
 from handbench.methods.relightablehands.config import PRESETS, Config
 from handbench.methods.relightablehands.frames import tangent_frames
 from handbench.methods.relightablehands.method import RelightableHands, RelightableHandsAvatar
 from handbench.methods.relightablehands.model import RelightableHandsModel, Seen, coloured
 from handbench.methods.relightablehands.training import exposure, train
-from handbench.methods.views import View, views
 from handbench.registry import METHODS
-from handbench.render.posed import PosedSurface
+from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Directional, Environment, Group, Light, Mesh, Point, Query
 from handbench.skips import Skips, skipping
 
@@ -197,12 +197,12 @@ def test_a_killed_training_ends_as_an_uninterrupted_one(
 ) -> None:
     config = replace(SMOKE, steps=4)
     expected = train(config, training, 0).state_dict()
-    monkeypatch.setattr("handbench.methods.nets.checkpoint.EVERY", 0.0)
+    monkeypatch.setattr("handbench.methods.kit.checkpoint.EVERY", 0.0)
 
     def killed(step: int, total: int, **values: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("handbench.methods.nets.engine._TELL", 3)
+    monkeypatch.setattr("handbench.methods.kit.engine._TELL", 3)
     with checkpoints_in(tmp_path):
         with pytest.raises(KeyboardInterrupt):
             train(config, training, 0, killed)

@@ -11,7 +11,8 @@ import torch
 
 from handbench.errors import InputError, NonFinite, Unsupported
 from handbench.method import Recording
-from handbench.methods import physical
+from handbench.methods.kit.views import views
+from handbench.methods.reflectance import physical
 from handbench.methods.urhand import lighting
 from handbench.methods.urhand.config import PRESETS, Config
 from handbench.methods.urhand.method import URHand
@@ -23,8 +24,7 @@ from handbench.methods.urhand.networks import (
     NeuralBranch,
     PhysicalBranch,
 )
-from handbench.methods.views import views
-from handbench.render.posed import PosedSurface
+from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Frame, Group, Observation
 
 SMOKE = PRESETS["smoke"]

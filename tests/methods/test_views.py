@@ -14,14 +14,14 @@ from handbench.data.capture import Capture
 from handbench.errors import Unsupported
 from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Recording
+from handbench.methods.kit.views import View, views
 from handbench.methods.relightablehands.config import PRESETS as HANDS_PRESETS
 from handbench.methods.relightablehands.model import RelightableHandsModel, Seen, lit
 from handbench.methods.relightablehands.training import exposure
 from handbench.methods.relightablehands.training import train as train_hands
 from handbench.methods.urhand.config import PRESETS, Config
 from handbench.methods.urhand.method import URHand
-from handbench.methods.views import View, views
-from handbench.render.shading import light_features
+from handbench.render.shade.shading import light_features
 from handbench.scene import Directional, Frame, Group, Light, Observation, Point
 
 SMOKE = PRESETS["smoke"]

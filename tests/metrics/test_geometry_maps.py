@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from handbench.data.openstage import open_capture
 from handbench.errors import InputError
-from handbench.methods.picture import prediction as drawn_by
+from handbench.methods.kit.picture import prediction as drawn_by
 from handbench.metrics import Pair, metric
 from handbench.metrics.geometry.angles import angles
-from handbench.render.raster import Raster, rasterise
+from handbench.render.see.raster import Raster, rasterise
 from handbench.scene import Prediction
 
 SIZE = (12, 10)

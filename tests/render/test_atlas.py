@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from handbench.errors import InputError
-from handbench.render.atlas import Atlas
+from handbench.render.uv.atlas import Atlas
 from handbench.scene import Topology
 
 

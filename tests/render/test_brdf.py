@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from handbench.render import brdf, reference
+from handbench.render.shade import brdf, reference
 
 
 def unit(*shape: int, seed: int = 0, dtype: torch.dtype = torch.float64) -> Tensor:

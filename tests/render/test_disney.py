@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from handbench.light.lightset import LightSet
-from handbench.render import brdf, reference, tiles
-from handbench.render.shading import disney_radiance
+from handbench.render.shade import brdf, reference, switch
+from handbench.render.shade.shading import disney_radiance
 
 
 def scene(count: int, seed: int = 0) -> list[np.ndarray]:
@@ -123,6 +123,6 @@ def test_fused_radiance_and_gradient_are_the_tiles(lit, monkeypatch: pytest.Monk
         return [radiance.detach(), *torch.autograd.grad(radiance.sum(), inputs)]
 
     tiled = answer(torch.float64)
-    monkeypatch.setattr(tiles, "_FUSE", 0)
+    monkeypatch.setattr(switch, "_FUSE", 0)
     for ours, expected in zip(answer(torch.float32), tiled, strict=True):
         assert torch.allclose(ours.double(), expected, rtol=1e-4, atol=1e-5 * float(expected.abs().max()))

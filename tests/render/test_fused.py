@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from handbench.light.lightset import LightSet
-from handbench.render import fused, tiles
-from handbench.render.shading import light_features, relight, transfer
+from handbench.render.shade import fused, switch
+from handbench.render.shade.shading import light_features, relight, transfer
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def test_fused_and_tiled_agree(scene, seen: str, model: str, monkeypatch: pytest
     *maps, visible = scene
     visibility = {"bool": visible, "weights": 0.5 * visible, "none": None}[seen]
     tiled = light_features(*maps, visibility, model)
-    monkeypatch.setattr(tiles, "_FUSE", 0)
+    monkeypatch.setattr(switch, "_FUSE", 0)
     monkeypatch.setattr(fused, "_BLOCK", 128)  # the last block is not full
     monkeypatch.setattr(fused, "_LIGHTS", 32)  # and the lights need several calls
     fast = light_features(*maps, visibility, model)
@@ -49,7 +49,7 @@ def test_fused_gradients_are_those_of_the_tiles(scene, model: str, monkeypatch: 
         return torch.autograd.grad((diffuse * diffuse + 2.0 * specular).sum(), inputs, allow_unused=model == "phong")
 
     exact = gradients(torch.float64)
-    monkeypatch.setattr(tiles, "_FUSE", 0)
+    monkeypatch.setattr(switch, "_FUSE", 0)
     for ours, expected in zip(gradients(torch.float32), exact, strict=True):
         if expected is not None:
             assert (ours - expected).abs().max() < 1e-5 * expected.abs().max()
@@ -57,7 +57,7 @@ def test_fused_gradients_are_those_of_the_tiles(scene, model: str, monkeypatch: 
 
 def test_gradients_in_the_light_keep_to_the_tiles(scene, monkeypatch: pytest.MonkeyPatch) -> None:
     *maps, lights, visible = scene
-    monkeypatch.setattr(tiles, "_FUSE", 0)
+    monkeypatch.setattr(switch, "_FUSE", 0)
     power = torch.tensor(lights.irradiance, requires_grad=True)
     some = LightSet(lights.directions, power, lights.positions, lights.intensities)
     light_features(*maps, some, visible)[1].sum().backward()
@@ -66,7 +66,7 @@ def test_gradients_in_the_light_keep_to_the_tiles(scene, monkeypatch: pytest.Mon
 
 def test_without_xla_the_tiles_answer(scene, monkeypatch: pytest.MonkeyPatch) -> None:
     *maps, visible = scene
-    monkeypatch.setattr(tiles, "_FUSE", 0)
+    monkeypatch.setattr(switch, "_FUSE", 0)
     fast = light_features(*maps, visible)
     monkeypatch.setitem(sys.modules, "jax", None)  # what a broken installation looks like
     fused.usable.cache_clear()

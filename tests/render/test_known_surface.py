@@ -6,8 +6,8 @@ import numpy as np
 import torch
 
 from handbench.light.lightset import light_samples
-from handbench.render.posed import PosedSurface
-from handbench.render.shading import KnownSurface, light_features
+from handbench.render.shade.shading import KnownSurface, light_features
+from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Environment
 from handbench.skips import Skips, skipping
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from handbench.render import llvm
+from handbench.data.openstage.trace import llvm
 
 
 def test_a_failed_probe_is_tried_again_and_a_good_one_is_kept(tmp_path, monkeypatch):

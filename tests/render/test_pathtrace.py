@@ -11,11 +11,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from handbench.data.openstage.trace.llvm import VECTORISED, choose_variant
+from handbench.data.openstage.trace.mitsuba_scene import emitter, sensor, shape
+from handbench.data.openstage.trace.pathtrace import PathTracer, TracedSurface, displace
 from handbench.errors import InputError
 from handbench.light.environment import directions, solid_angles
-from handbench.render.llvm import VECTORISED, choose_variant
-from handbench.render.mitsuba_scene import emitter, sensor, shape
-from handbench.render.pathtrace import PathTracer, TracedSurface, displace
 from handbench.scene import Camera, Directional, Environment, Group, Mesh, Point, Topology
 
 

@@ -10,10 +10,10 @@ import torch
 
 from handbench.hand.openhand import OpenHand, named_pose
 from handbench.light.lightset import LightSet, light_samples
-from handbench.render.posed import PosedSurface
-from handbench.render.shadowmap import soft_visibility
-from handbench.render.shadowstore import kept_on_disk
-from handbench.render.visibility import visibility
+from handbench.render.see.shadowmap import soft_visibility
+from handbench.render.see.shadowstore import kept_on_disk
+from handbench.render.see.visibility import visibility
+from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Directional, Group, Mesh, Point
 from handbench.skips import Saved, Skips, skipping, tallied
 

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from handbench.errors import InputError
-from handbench.render.atlas import Atlas
-from handbench.render.raster import rasterise
+from handbench.render.see.raster import rasterise
+from handbench.render.uv.atlas import Atlas
 
 
 def project(camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from handbench.light.stage import stage_directions
-from handbench.render.atlas import Atlas
-from handbench.render.rays import RayScene
-from handbench.render.surface import face_normals, mesh_normals
-from handbench.render.visibility import visibility
+from handbench.render.see.rays import RayScene
+from handbench.render.see.visibility import visibility
+from handbench.render.uv.atlas import Atlas
+from handbench.render.uv.surface import face_normals, mesh_normals
 from handbench.scene import Array, Mesh
 from handbench.skips import NONE, skipping
 

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from handbench.light.lightset import LightSet
-from handbench.render import tiles
-from handbench.render.brdf import specular
-from handbench.render.reference import shading_features
-from handbench.render.shading import light_features
+from handbench.render.shade import switch, tiles
+from handbench.render.shade.brdf import specular
+from handbench.render.shade.reference import shading_features
+from handbench.render.shade.shading import light_features
 
 CENTRE = np.array([0.1, 0.2, 2.0])
 NONE = np.zeros((0, 3))
@@ -164,7 +164,7 @@ def test_float32_keeps_five_digits_at_every_angle(roughness: float, path: str, m
 
     The inputs are what float32 maps hold, so the rounding of a normal is not judged, and all that follows is.
     """
-    monkeypatch.setattr(tiles, "_FUSE", 0 if path == "fused" else 1 << 60)
+    monkeypatch.setattr(switch, "_FUSE", 0 if path == "fused" else 1 << 60)
     random = np.random.default_rng(0)
     single = torch.tensor(random.normal(size=(3, 600))).float()
     normal = torch.nn.functional.normalize(single, dim=0)
@@ -192,7 +192,7 @@ def test_float32_keeps_five_digits_at_every_angle(roughness: float, path: str, m
 
 @pytest.mark.parametrize("path", ["tiles", "fused", "tiles, gradient", "fused, gradient"])
 def test_memory_is_bounded_whatever_the_number_of_lights(path: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tiles, "_FUSE", 0 if path.startswith("fused") else 1 << 60)
+    monkeypatch.setattr(switch, "_FUSE", 0 if path.startswith("fused") else 1 << 60)
     normal, position, roughness = texels(20000, dtype=torch.float32)
     normal.requires_grad_("gradient" in path)
     lights = distant(800)

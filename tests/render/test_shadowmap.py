@@ -10,11 +10,11 @@ import pytest
 from handbench.errors import InputError
 from handbench.hand.openhand import OpenHand, named_pose
 from handbench.light.stage import stage_directions
-from handbench.render.atlas import Atlas
-from handbench.render.rays import RayScene
-from handbench.render.shadowmap import soft_visibility
-from handbench.render.surface import mesh_normals
-from handbench.render.visibility import visibility
+from handbench.render.see.rays import RayScene
+from handbench.render.see.shadowmap import soft_visibility
+from handbench.render.see.visibility import visibility
+from handbench.render.uv.atlas import Atlas
+from handbench.render.uv.surface import mesh_normals
 from handbench.scene import Array, Mesh
 from handbench.skips import NONE, skipping, tallied
 

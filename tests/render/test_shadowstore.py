@@ -14,8 +14,8 @@ import pytest
 
 from handbench.bench.priors import Priors
 from handbench.bench.store import Store
-from handbench.render import shadowstore
-from handbench.render.shadowstore import ShadowStore, kept_on_disk, shadow_store, surface_key
+from handbench.render.see import shadowstore
+from handbench.render.see.shadowstore import ShadowStore, kept_on_disk, shadow_store, surface_key
 from handbench.scene import Array
 
 SURFACE, OTHER = surface_key([np.arange(3)], "a"), surface_key([np.arange(3)], "b")
@@ -131,7 +131,7 @@ _WORKER = """
 import sys
 from pathlib import Path
 import numpy as np
-from handbench.render.shadowstore import ShadowStore, surface_key
+from handbench.render.see.shadowstore import ShadowStore, surface_key
 
 store, first = ShadowStore(Path(sys.argv[1]), 60_000), int(sys.argv[2])
 for i in range(40):

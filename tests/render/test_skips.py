@@ -9,10 +9,10 @@ import pytest
 import torch
 
 from handbench.light.lightset import LightSet
-from handbench.render import fused, tiles
-from handbench.render.atlas import Atlas
-from handbench.render.raster import rasterise
-from handbench.render.shading import light_features
+from handbench.render.see.raster import rasterise
+from handbench.render.shade import fused, switch, tiles
+from handbench.render.shade.shading import light_features
+from handbench.render.uv.atlas import Atlas
 from handbench.skips import NONE, Saved, Skips, skipping, tallied
 
 CENTRE = np.array([0.1, 0.2, 2.0])
@@ -20,7 +20,7 @@ CENTRE = np.array([0.1, 0.2, 2.0])
 
 @pytest.fixture(params=["tiles", "fused"])
 def path(request, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setattr(tiles, "_FUSE", 0 if request.param == "fused" else 1 << 60)
+    monkeypatch.setattr(switch, "_FUSE", 0 if request.param == "fused" else 1 << 60)
     monkeypatch.setattr(tiles, "_PAIRS", 2048)
     monkeypatch.setattr(fused, "_BLOCK", 64)
     return request.param

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from handbench.render.atlas import Atlas
-from handbench.render.surface import Relief, surface_maps, vertex_normals
+from handbench.render.uv.atlas import Atlas
+from handbench.render.uv.surface import Relief, surface_maps, vertex_normals
 
 
 def refine(position: torch.Tensor, normal: torch.Tensor, displacement: torch.Tensor, atlas: Atlas) -> torch.Tensor:

@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from handbench.light.stage import stage_directions
-from handbench.render.atlas import Atlas
-from handbench.render.rays import RayScene
-from handbench.render.surface import surface_maps
-from handbench.render.visibility import HORIZON, visibility
+from handbench.render.see.rays import RayScene
+from handbench.render.see.visibility import HORIZON, visibility
+from handbench.render.uv.atlas import Atlas
+from handbench.render.uv.surface import surface_maps
 from handbench.skips import NONE, Skips, skipping, tallied
 
 
@@ -117,7 +117,7 @@ def test_pairs_below_the_horizon_are_skipped_and_counted(shapes) -> None:
 
 
 def test_batches_of_rays_do_not_change_the_answer(shapes, monkeypatch: pytest.MonkeyPatch) -> None:
-    import handbench.render.visibility as module
+    import handbench.render.see.visibility as module
 
     mesh = shapes.torus(24, 48)
     atlas = Atlas(mesh.topology, 32)

@@ -9,11 +9,11 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from handbench.bench.reading import read_run
 from handbench.reports import render_terminal
 from handbench.reports.build import build
 from handbench.reports.latex import render_latex
 from handbench.reports.text import render_csv, render_markdown
+from handbench.results.reading import read_run
 
 
 @pytest.fixture

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from handbench.bench.speed.equal_error import table
-from handbench.bench.speed.measure import Curve, Point
-from handbench.bench.speed.record import SCHEMA
-from handbench.bench.speed.study import GOALS
 from handbench.errors import InputError
 from handbench.reports.speed import cell_text, duration, goals, render_speed, speed_section, write_speed_report
+from handbench.studies.speed.equal_error import table
+from handbench.studies.speed.measure import Curve, Point
+from handbench.studies.speed.record import SCHEMA
+from handbench.studies.speed.study import GOALS
 
 
 def curve(renderer: str, pose: str, *pairs: tuple[float, float], knob: str = "lights") -> Curve:

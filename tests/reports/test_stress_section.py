@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from handbench.bench.stress.case import Result
-from handbench.bench.stress.record import write_record
 from handbench.errors import InputError
 from handbench.reports import write_reports
 from handbench.reports.stress import stress_section
+from handbench.studies.stress.case import Result
+from handbench.studies.stress.record import write_record
 
 RESULTS = (
     Result("brdf", "roughness 0.1", "accurate(1e-05)", "jax float64", "relative error 3.1e-06", 3.1e-6, 1.5, True),

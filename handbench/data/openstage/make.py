@@ -18,8 +18,6 @@ from ...errors import InputError, StorageError
 from ...files import whole, writing
 from ...hand.openhand import OpenHand
 from ...method import Progress, silent
-from ...render.llvm import VECTORISED
-from ...render.pathtrace import PathTracer, TracedSurface, choose_variant, displace
 from ...scene import Array, Camera, Directional, Environment, Mesh, Topology
 from ..exr import rgb, write_exr
 from .cast import Performance, Subject, cast
@@ -27,6 +25,8 @@ from .inventory import TRACED, content, measured, write_sums
 from .presets import GENERATOR_VERSION, SCHEMA, Preset
 from .skin import Skin, make_skin
 from .stage import Lighting, cameras, lightings
+from .trace.llvm import VECTORISED
+from .trace.pathtrace import PathTracer, TracedSurface, choose_variant, displace
 
 TRACKING_NOISE = 3e-4  # metres, root mean square distance of a tracked vertex from the true coarse surface
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from ...hand.openhand import OpenHand
 from ...hand.openhand.template import FINGERS
-from ...render.atlas import Atlas
-from ...render.surface import vertex_normals
+from ...render.uv.atlas import Atlas
+from ...render.uv.surface import vertex_normals
 from ...scene import Array
 
 _LEVEL = 3

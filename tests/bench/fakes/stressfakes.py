@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from handbench.bench.stress.case import Case
-from handbench.bench.stress.outcome import Compared, Expected, accurate, equal, finite, refused
 from handbench.errors import HandbenchError, InputError, NonFinite, Unsupported
+from handbench.studies.stress.case import Case
+from handbench.studies.stress.outcome import Compared, Expected, accurate, equal, finite, refused
 
 
 def _raises(error: Exception) -> Callable[[], Any]:

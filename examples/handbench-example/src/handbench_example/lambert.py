@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from handbench.data.texture import mean_texture
 from handbench.light.lightset import light_samples
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
-from handbench.render.raster import Raster, rasterise
+from handbench.methods.kit.texture import mean_texture
+from handbench.render.see.raster import Raster, rasterise
 from handbench.scene import Array, Light, Prediction, Viewpoint
 
 TEXELS = 64

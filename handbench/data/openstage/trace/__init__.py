@@ -1,0 +1,1 @@
+"""The path tracer that makes the truth; no method uses it."""

@@ -1,0 +1,1 @@
+"""What is seen from where: rays, rasters, hard and soft shadows."""

@@ -1,0 +1,116 @@
+"""Hard shadows: which lights each texel sees."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...scene import Array, Mesh
+from ...skips import note, skips
+from ..uv.atlas import Atlas
+from ..uv.surface import face_normals
+from .posedmesh import PosedMesh
+
+VERSION = 2
+"""Of the answers here and in `shadowmap`: raise it when they change, so that shadows kept on disk are made again."""
+
+HORIZON = 0.1
+"""Pairs with n.ω below minus this are not traced: normals refined by millimetre displacements tilt a little."""
+
+_RAYS = 1 << 19
+"""Rays traced at once: 12 MB."""
+
+
+def visibility(
+    mesh: Mesh | PosedMesh,
+    atlas: Atlas,
+    directions: Array,
+    positions: Array | None = None,
+    texels: Array | None = None,
+) -> Array:
+    """Whether covered texels see distant lights and near ones, bool (L + P, N): see `HardShadows.visible`."""
+    return HardShadows(PosedMesh.of(mesh), atlas).visible(directions, positions, texels)
+
+
+class HardShadows:
+    """The shadows that a posed mesh casts on itself, for one light after the other.
+
+    Where shadow rays start is worked out once, for all lights.
+    """
+
+    def __init__(self, mesh: PosedMesh, atlas: Atlas) -> None:
+        self._scene = mesh.rays
+        self._origins = _shadow_origins(mesh, atlas)
+
+    def visible(self, directions: Array, positions: Array | None = None, texels: Array | None = None) -> Array:
+        """Whether covered texels see distant lights (L, 3) and near ones at positions (P, 3): bool (L + P, N).
+
+        `directions` are unit vectors to the distant lights. `texels` (N,) picks from the atlas's covered ones.
+
+        With `Skips.below_horizon`, pairs below the horizon of the smooth normal are not traced and count as unseen:
+        those with n.ω <= -`HORIZON`, and those with n.ω <= 0 where the mesh does not bulge over the texel's triangle,
+        so that nothing but an open border could let light through. Pairs with n.ω > 0 do not depend on the switch.
+        Says how many pairs it skipped as "shadow rays".
+        """
+        starts, normals, reach = self._origins
+        if texels is not None:
+            starts, normals, reach = starts[texels], normals[texels], reach[texels]
+        if not skips().below_horizon:
+            reach = np.full_like(reach, 2.0)
+        scene = self._scene
+        near = np.zeros((0, 3)) if positions is None else np.asarray(positions, dtype=np.float64)
+        seen = np.zeros((len(directions) + len(near), len(starts)), dtype=bool)
+        traced = 0
+        step = max(1, _RAYS // max(1, len(starts)))
+        for first in range(0, len(directions), step):
+            some = np.asarray(directions[first : first + step], dtype=np.float32)
+            facing = some @ normals.T > -reach
+            rays = _shadow_rays(starts, some, facing)
+            seen[first : first + len(some)][facing] = ~scene.blocked(rays)
+            traced += len(rays)
+        for row, position in enumerate(near, start=len(directions)):
+            towards = (position - scene.centre).astype(np.float32) - starts
+            facing = np.einsum("nc,nc->n", towards, normals) > -reach * np.linalg.norm(towards, axis=1)
+            # rays run from the texel (0) to the light (1)
+            rays = np.concatenate([starts[facing], towards[facing]], axis=1)
+            seen[row, facing] = ~scene.blocked(rays, far=1.0)
+            traced += len(rays)
+        note("shadow rays", seen.size, seen.size - traced)
+        return seen
+
+
+def _shadow_rays(starts: Array, directions: Array, facing: Array) -> Array:
+    """Rays (M, 6) from starts (N, 3) along directions (L, 3) for the M true pairs of facing (L, N), in its order."""
+    padded = np.concatenate([starts, np.zeros_like(starts)], axis=1)
+    rays = np.empty((np.count_nonzero(facing), 6), dtype=np.float32)
+    end = 0
+    for direction, row in zip(directions, facing, strict=True):
+        texels = np.flatnonzero(row)
+        start, end = end, end + len(texels)
+        # take() into place is four times faster than indexing, which would copy twice
+        np.take(padded, texels, axis=0, out=rays[start:end], mode="clip")
+        rays[start:end, 3:] = direction
+    return rays
+
+
+def _shadow_origins(mesh: PosedMesh, atlas: Atlas) -> tuple[Array, Array, Array]:
+    """Where shadow rays start from the scene's centre (N, 3), the smooth normals there (N, 3), and the sine (N,)
+    below the horizon up to which rays are worth tracing; all float32.
+
+    A point on a flat triangle is hidden by its neighbours from lights that the smooth surface sees, which
+    draws the triangles along the terminator. So a start is lifted to the planes tangent at the triangle's
+    vertices (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II, ch. 4), then off the triangle
+    by the scene's epsilon. Starts that are lifted see a little over the horizon, others do not.
+    """
+    vertices, faces = mesh.vertices, mesh.topology.faces
+    scene = mesh.rays
+    corners = faces[atlas.face]
+    vertex_normal = mesh.normals[corners]
+    corner = vertices[corners] - scene.centre
+    point = np.einsum("nk,nkc->nc", atlas.barycentric, corner)
+    height = np.einsum("nkc,nkc->nk", point[:, None] - corner, vertex_normal)
+    lift = np.einsum("nk,nkc->nc", -np.minimum(height, 0.0) * atlas.barycentric, vertex_normal)
+    smooth = np.einsum("nk,nkc->nc", atlas.barycentric, vertex_normal)
+    smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-12)
+    start = point + lift + scene.epsilon * face_normals(vertices, faces)[atlas.face]
+    reach = np.where(np.linalg.norm(lift, axis=1) > scene.epsilon, HORIZON, 0.0)
+    return start.astype(np.float32), smooth.astype(np.float32), reach.astype(np.float32)

@@ -1,0 +1,269 @@
+"""Shading under many distant lights, and its gradient, in one fused loop (XLA).
+
+The formulas are those of `shading`, light by light: no buffer of size lights x texels is ever made. Texels are
+taken in blocks that stay in the cache, lights that reach no texel of a block are passed over, and blocks are shared
+out among threads. As in `shading`, cosines and tangential parts are taken in float64 and used in float32.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from ...scene import Array
+from ...skips import note, skips
+from ..uv.surface import unit
+from .brdf import F0, F1, F2, GRAZING, MIN_ROUGHNESS, SHININESS, SMALL
+from .models import RESPONSES
+
+_LIGHTS = 128
+"""Most lights in a call. Fewer are padded to a power of two from 8 on, so that few shapes are compiled."""
+
+_BLOCK = 2048
+"""Texels in a block: the two dozen buffers of the loop take 200 kB. The last block is filled up with copies of the last
+texel, so that few shapes are compiled: every camera sees another number of texels."""
+
+
+@cache
+def usable() -> bool:
+    """Whether XLA can compile and run here."""
+    try:
+        import jax
+
+        with jax.default_device(jax.devices("cpu")[0]):
+            return float(jax.jit(lambda x: x + 1)(np.float32(1))) == 2.0
+    except Exception:  # whatever is wrong with the installation: tiles give the same answer
+        return False
+
+
+def fused_responses(
+    model: str,
+    normal: Tensor,
+    view: Tensor,
+    roughness: Tensor,
+    directions: Tensor,
+    irradiance: Tensor,
+    visibility: Tensor | None,
+) -> Tensor:
+    """The responses of a model (see `shading`) summed over L lights, (K, 3, N) float32.
+
+    normal and view (3, N) unit and directions (L, 3) float64; roughness (N) and irradiance (L, 3) float32;
+    visibility (L, N) bool or weights in [0, 1], None: everything is lit. Differentiable once in normal, view and
+    roughness. Beside its arguments it takes 110 N bytes a thread and up to `_LIGHTS` rows of visibility, for
+    the gradient too: that works the lobes out anew.
+    """
+    return _Fused.apply(normal, view, roughness, model, directions, irradiance, visibility)
+
+
+class _Fused(torch.autograd.Function):
+    @staticmethod
+    def forward(
+        ctx: Any, normal: Tensor, view: Tensor, roughness: Tensor, model: str, *lights: Tensor | None
+    ) -> Tensor:
+        ctx.model, ctx.maps, ctx.lights = model, (normal, view, roughness), lights
+        sums = _over_lights(model, ctx.maps, lights, ())
+        return torch.from_numpy(sums).unflatten(0, (-1, 3))
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        answer = torch.from_numpy(_over_lights(ctx.model, ctx.maps, ctx.lights, (gradient.flatten(0, 1),)))
+        normal, view, roughness = answer.split([3, 3, 1])
+        like = [g.to(of.dtype) for g, of in zip((normal, view, roughness[0]), ctx.maps, strict=True)]
+        return (*like, None, None, None, None)
+
+
+def _over_lights(
+    model: str, maps: tuple[Tensor, ...], lights: tuple[Tensor | None, ...], gradient: tuple[Tensor, ...]
+) -> Array:
+    """Sums over lights: the responses (3K, N), or, given a gradient (3K, N) of them, that of the maps (7, N)."""
+    import jax
+    import jax.numpy as jnp
+
+    directions, irradiance, visibility = lights
+    assert directions is not None and irradiance is not None
+    where, power = (values.detach().numpy() for values in (directions, irradiance))
+    seen = None if visibility is None else visibility.detach().numpy()
+    count, block = len(maps[2]), _BLOCK
+    blocks = -(-count // block)
+    spare = blocks * block - count
+    workers = min(torch.get_num_threads(), blocks)
+    edges = [blocks * worker // workers for worker in range(workers + 1)]
+    kernel = _kernel(model, block, bool(gradient))
+    reaches = _reaches(maps[0].detach(), where, seen, block, blocks)
+
+    def filled(values: Array, mode: Any = "edge") -> Array:
+        return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, spare)], mode) if spare else values
+
+    with jax.enable_x64(True):
+        texels = [jnp.asarray(np.ascontiguousarray(filled(values.detach().numpy()))) for values in (*maps, *gradient)]
+        parts = [jnp.zeros((7 if gradient else 3 * RESPONSES[model], count + spare), jnp.float32)] * workers
+        for start in range(0, len(where), _LIGHTS):
+            some = slice(start, start + _LIGHTS)
+            order = np.argsort(~reaches[:, some], axis=1, kind="stable")  # those that reach the block first, in order
+            lit = np.ones((1, 1), dtype=bool) if seen is None else filled(_padded(seen[some]), "constant")
+            lamps = [_padded(where[some]), _padded(power[some]), lit, order, reaches[:, some].sum(axis=1)]
+            given = [jnp.asarray(values) for values in lamps]
+
+            def part(worker: int, before: Any, given: list[Any] = given) -> Any:
+                with jax.enable_x64(True):
+                    return kernel(texels, *given, before, edges[worker], edges[worker + 1]).block_until_ready()
+
+            shares = range(workers), parts
+            parts = list(_pool().map(part, *shares)) if workers > 1 else list(map(part, *shares))
+    if not gradient:
+        note("texel-light pairs", len(where) * count, (reaches.size - int(reaches.sum())) * count // blocks)
+    return np.array(sum(parts[1:], start=parts[0])[:, :count])
+
+
+def _reaches(normal: Tensor, where: Array, seen: Array | None, block: int, blocks: int) -> Array:
+    """Which lights reach any texel of a block, (blocks, L) bool.
+
+    Without visibility the normals of a block are known to lie in a cone; a light that is below the horizon of the
+    whole cone reaches none.
+    """
+    reaches = np.ones((blocks, len(where)), dtype=bool)
+    starts = np.arange(blocks) * block
+    if seen is not None and skips().occluded:
+        for index, start in enumerate(starts):
+            reaches[index] = seen[:, start : start + block].any(axis=1)
+    elif seen is None and skips().below_horizon:
+        for index, start in enumerate(starts):
+            normals = normal[:, start : start + block]
+            axis = unit(normals.mean(dim=1, keepdim=True))
+            tilt = float((axis.T @ normals).min().clamp(-1.0, 1.0))  # cosine of the cone's half angle
+            if tilt > 0.0:
+                reaches[index] = where @ axis[:, 0].numpy() > -np.sqrt(1.0 - tilt * tilt) - 1e-6
+    return reaches
+
+
+def _padded(rows: Array) -> Array:
+    """Rows (l, ...) with zeros added up to a power of two, at least 8 and at most `_LIGHTS`."""
+    missing = min(_LIGHTS, max(8, 1 << (len(rows) - 1).bit_length())) - len(rows)
+    return np.pad(rows, ((0, missing), (0, 0))) if missing else rows
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(thread_name_prefix="shading")
+
+
+@cache
+def _kernel(model: str, block: int, backward: bool) -> Any:
+    """Adds lights to sums for the blocks from `first` to before `last`: responses, or the gradient of the maps.
+
+    order (blocks, l) lists the lights of a block, of which the first `reached` (blocks,) are taken.
+    Every map is a list of vectors and every sum its own carry: XLA makes one loop of that, where stacked arrays
+    would have each row worked out anew.
+    """
+    import jax
+    import jax.numpy as jnp
+    from jax import lax
+
+    single = jnp.float32
+
+    def dot(a: Any, b: Any) -> Any:
+        return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+    def prepare(normal: Any, view: Any, roughness: Any) -> Any:
+        beta = jnp.clip(roughness, MIN_ROUGHNESS, 1.0)
+        alpha2 = (beta * beta) ** 2
+        x, y, z = normal
+        sign = jnp.where(z < 0, -1.0, 1.0)
+        a = -1.0 / (sign + z)
+        axes = [
+            normal,
+            [1.0 + sign * x * x * a, sign * x * y * a, -sign * x],
+            [x * y * a, sign + y * y * a, -y],
+        ]
+        to_view = [dot(axis, view) for axis in axes]
+        cosine = jnp.maximum(to_view[0].astype(single), 0.0)
+        k = (beta + 1.0) ** 2 * 0.125
+        if model == "brdf":
+            scale = 0.25 / jnp.pi * alpha2 * (cosine > 0) / (cosine * (1.0 - k) + k)
+        else:
+            scale = (cosine > 0).astype(single)
+        return axes, to_view, view, beta, alpha2, k, cosine, scale
+
+    def respond(texel: Any, where: Any, lit: Any) -> list[Any]:
+        axes, to_view, view, beta, alpha2, k, view_cosine, scale = texel
+        if model in ("diffuse", "phong"):
+            cosine = jnp.maximum(dot(axes[0], where).astype(single), 0.0)
+            if model == "diffuse":
+                return [cosine * lit]
+            mirrored = 2.0 * cosine * to_view[0].astype(single) - dot(view, where).astype(single)
+            return [cosine * lit, jnp.clip(mirrored, 0.0, 1.0) ** SHININESS * lit * (cosine > 0)]
+        to_light = [dot(axis, where) for axis in axes]
+        cosine = jnp.maximum(to_light[0].astype(single), 0.0)
+        up, along, across = ((mine + other).astype(single) for mine, other in zip(to_light, to_view, strict=True))
+        planar = along * along + across * across
+        length2 = jnp.maximum(planar + up * up, SMALL)
+        facing = 0.5 * jnp.sqrt(length2)
+        received = cosine * lit
+        ratio = length2 / (planar + up * up * alpha2)  # D = (α ratio)^2 / π
+        if model == "brdf":
+            fresnel = F0 + (1.0 - F0) * jnp.exp2((F1 * facing + F2) * facing)
+            return [received, ratio * ratio * fresnel * scale * received / (cosine * (1.0 - k) + k)]
+        facing = jnp.minimum(facing, 1.0)
+        edge = schlick(facing)
+        rise = 2.0 * beta * facing * facing - 0.5
+        diffuse = (1.0 + rise * schlick(cosine)) * (1.0 + rise * schlick(view_cosine)) / jnp.pi
+        smith = 0.5 / jnp.maximum(cosine * slope(view_cosine, alpha2) + view_cosine * slope(cosine, alpha2), GRAZING)
+        lobe = ratio * ratio * alpha2 / jnp.pi * smith * scale * received
+        return [diffuse * scale * received, lobe * (1.0 - edge), lobe * edge]
+
+    def schlick(cosine: Any) -> Any:
+        rest = jnp.maximum(1.0 - cosine, 0.0)
+        return rest * (rest * rest) ** 2
+
+    def slope(cosine: Any, alpha2: Any) -> Any:
+        return jnp.sqrt((1.0 - alpha2) * cosine * cosine + alpha2)
+
+    def add(  # type: ignore[no-untyped-def]
+        maps, directions, power, seen, order, reached, sums, first, last
+    ):
+        def one(index, sums):  # type: ignore[no-untyped-def]
+            at = index * block
+
+            def local(values):  # type: ignore[no-untyped-def]
+                if values.ndim == 1:
+                    return lax.dynamic_slice(values, (at,), (block,))
+                return [lax.dynamic_slice(row, (at,), (block,)) for row in values]
+
+            normal, view, roughness, *gradient = map(local, maps)
+
+            def responses(step, texel):  # type: ignore[no-untyped-def]
+                i = order[index, step]
+                lit = lax.dynamic_slice(seen, (i, at), (1, block))[0].astype(single) if seen.size > 1 else 1.0
+                answers = respond(texel, directions[i], lit)
+                return [power[i, colour] * answer for answer in answers for colour in range(3)]
+
+            def plus(total, terms):  # type: ignore[no-untyped-def]
+                return jax.tree.map(lambda before, term: before + term.astype(single), total, terms)
+
+            if backward:
+                texel, pull = jax.vjp(prepare, normal, view, roughness)
+
+                def light(step, total):  # type: ignore[no-untyped-def]
+                    return plus(total, jax.vjp(lambda texel: responses(step, texel), texel)[1](gradient[0])[0])
+
+                zero = jax.tree.map(lambda values: jnp.zeros(block, single), texel)
+                total = lax.fori_loop(0, reached[index], light, zero)
+                of_normal, of_view, of_rough = pull(jax.tree.map(lambda g, of: g.astype(of.dtype), total, texel))
+                found = jnp.stack([row.astype(single) for row in (*of_normal, *of_view, of_rough)])
+            else:
+                texel = prepare(normal, view, roughness)
+                zero = [jnp.zeros(block, single)] * sums.shape[0]
+                found = jnp.stack(lax.fori_loop(0, reached[index], lambda i, s: plus(s, responses(i, texel)), zero))
+            before = lax.dynamic_slice(sums, (0, at), (sums.shape[0], block))
+            return lax.dynamic_update_slice(sums, before + found, (0, at))
+
+        return lax.fori_loop(first, last, one, sums)
+
+    return jax.jit(add)

@@ -1,0 +1,25 @@
+"""Tiles or the fused kernel: the one place that chooses between the readable form and the fast one."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from .fused import fused_responses, usable
+from .tiles import Dots, distant, tiles
+
+_FUSE = 1 << 20
+"""From this many pairs on the fused kernel, which takes a second or two to compile for a shape, beats tiles."""
+
+
+def summed(
+    dots: Dots, where: Tensor, power: Tensor, seen: Tensor | None, maps: tuple[Tensor, ...], model: str
+) -> Tensor:
+    """The responses (K, 3, N) under lights of one kind, tile by tile or fused."""
+    large = len(where) * maps[0].shape[1] >= _FUSE
+    by_light = torch.is_grad_enabled() and (power.requires_grad or (seen is not None and seen.requires_grad))
+    on_cpu = power.device.type == "cpu"
+    if dots is distant and large and on_cpu and power.dtype == torch.float32 and not by_light and usable():
+        normal, view, _, roughness = maps
+        return fused_responses(model, normal, view, roughness, where, power, seen)
+    return tiles(dots, where, power, seen, maps, model)

@@ -1,0 +1,1 @@
+"""Surfaces in UV space: atlases, normals, and posed surfaces with their shadows."""

@@ -1,0 +1,90 @@
+"""Run folders as they are read: the plan of the last run, its finished cells, and whether runs can be compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from ..bench.store import Store
+from ..errors import InputError
+from .record import CellRecord, RunRecord
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run as it lies on disk: `plan` is run.json; `others` are folders that may hold cells which this one lacks."""
+
+    folder: Path
+    plan: RunRecord
+    others: tuple[Path, ...] = ()
+
+    @property
+    def store(self) -> Store:
+        return Store(self.folder)
+
+    @cached_property
+    def cells(self) -> tuple[CellRecord, ...]:
+        """The finished cells in the order of the plan, read when first asked for; one that is absent is left out.
+
+        Raises `Damaged` for a cell that is not what was written, and `InputError` for one that a newer version wrote.
+        """
+        stores = [Store(folder) for folder in (self.folder, *self.others)]
+        found = (next(filter(None, (store.read_cell(key) for store in stores)), None) for key in self.plan.cells)
+        return tuple(filter(None, found))
+
+    @property
+    def in_order(self) -> list[CellRecord]:
+        """The finished cells by seed and subject, whatever the order of the plan."""
+        return sorted(self.cells, key=lambda cell: (cell.seed, cell.subject))
+
+    def of_method(self, name: str) -> tuple[CellRecord, ...]:
+        return tuple(cell for cell in self.cells if cell.method.name == name)
+
+    @property
+    def protocol(self) -> str:
+        """ "quick@1"."""
+        return self.plan.protocol.label
+
+
+def read_run(folder: Path) -> Run:
+    """Raises `InputError` for a folder without a run or with a newer version's, `Damaged` for a damaged run.json."""
+    return Run(folder, read_plan(folder))
+
+
+def read_plan(folder: Path) -> RunRecord:
+    plan = Store(folder).read_run()
+    if plan is None:
+        raise InputError(f"{folder} holds no readable run.json; give the folder that 'handbench run' printed")
+    return plan
+
+
+def completed(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """The runs, each with the finished cells of the others: the parts of a sharded run complete each other."""
+    folders = [run.folder for run in runs]
+    return tuple(Run(run.folder, run.plan, tuple(each for each in folders if each != run.folder)) for run in runs)
+
+
+def mismatch(first: Run, other: Run) -> str | None:
+    """Why values of two runs cannot stand in one table, in one clause that names both; None if they can."""
+    one, two = first.plan.protocol, other.plan.protocol
+    if (one.label, one.digest) != (two.label, two.digest):
+        told = [f"{run.folder} ran {run.protocol} ({run.plan.protocol.digest[:8]})" for run in (first, other)]
+        return f"the protocols differ: {', '.join(told)}"
+    signatures = [{metric.signature for metric in protocol.metrics} for protocol in (one, two)]
+    if signatures[0] != signatures[1]:
+        return f"the metrics differ: {', '.join(sorted(signatures[0] ^ signatures[1]))} is in one run only"
+    if first.plan.capture.digest != other.plan.capture.digest:
+        told = [f"{run.folder} used {_capture(run)}" for run in (first, other)]
+        return f"the data differ: {', '.join(told)}"
+    columns = [{column.name: column.queries for column in protocol.columns} for protocol in (one, two)]
+    for name in {**columns[0], **columns[1]}:
+        if columns[0].get(name) != columns[1].get(name):
+            return f"the scored frames of column {name!r} differ between {first.folder} and {other.folder}"
+    return None
+
+
+def _capture(run: Run) -> str:
+    capture = run.plan.capture
+    return f"{' '.join(filter(None, (capture.name, capture.size)))} ({capture.digest[:8]})"

@@ -1,0 +1,138 @@
+"""Every method's own error against time: fewer lights, smaller maps, skips, against its own full picture.
+
+Methods are trained on the capture that ships with handbench at its `smoke` protocol, for seconds: what is measured
+is the cost of drawing, which does not depend on how good the weights are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from dataclasses import is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...bench import given
+from ...bench.protocol import Protocol, Selected, resolve
+from ...bench.run import find_protocol
+from ...data.capture import open_capture
+from ...errors import HandbenchError
+from ...light.reduction import reduced
+from ...method import Avatar, Prior
+from ...recording import Recording
+from ...registry import METHODS
+from ...scene import Directional, Environment, Frame, Group, Query, needed
+from ...skips import NONE, Skips, skipping
+from .measure import Point, timed
+from .scene import moved
+from .truth import relative_rmse
+
+PROTOCOL = "smoke"
+_LIGHTS = (8, 32, 128)
+_FULL = Skips()
+
+
+def protocol() -> Protocol:
+    """The protocol whose methods' presets, frames and capture are used."""
+    return find_protocol(PROTOCOL)
+
+
+def study(name: str, quick: bool) -> dict[str, Any]:
+    """JSON of a method's points, or of the reason why there are none.
+
+    Raises `InputError` for an unknown method. New poses and known ones have a curve each.
+    """
+    tried = protocol()
+    method = METHODS.load(name)(preset=tried.preset_of(name))
+    found: dict[str, Any] = {"method": name, "title": method.info.title, "curves": []}
+    if method.info.truth:
+        return {**found, "reason": "a calibration row: it reads its answers"}
+    capture = open_capture(tried.capture, tried.size)
+    selected = resolve(tried, capture.frames())
+    try:
+        frame = _environment_frame(selected)
+        prior = method.train(given.training(selected, capture.observe), seed=0)
+        enrolment = given.enrolment(selected, method.info, frame.subject, capture.observe)
+        return {**found, "query": frame.key, "curves": _curves(prior, enrolment, frame.query, quick)}
+    except (Exception, SystemExit) as error:  # a method's error is its own row's reason, not the study's end
+        named = "" if isinstance(error, HandbenchError) else f"crashed, {type(error).__name__}: "
+        return {**found, "curves": [], "reason": named + " ".join(str(error).split())}
+
+
+def _environment_frame(selected: Selected) -> Frame:
+    return next(f for frames in selected.scored.values() for f in frames if f.kind == "environment")
+
+
+def _curves(prior: Prior, enrolment: Recording, query: Query, quick: bool) -> list[dict[str, Any]]:
+    avatar = prior.personalise(enrolment)
+    with skipping(NONE):  # an avatar of its own: what one keeps fits the skips it was kept under
+        without = prior.personalise(enrolment)
+        expected = without.relight(query).image.astype(np.float64)
+    kinds: dict[str, list[Point]] = {"new": [], "known": []}
+    repeats = 2 if quick else 5
+
+    def add(knob: str, label: str, one: Avatar, asked: Query, skips: Skips = _FULL) -> None:
+        with skipping(skips):
+            for pose, points in kinds.items():
+                seconds, images = timed(_poses(asked, pose), lambda q: one.relight(q).image, repeats)
+                points.append(Point(knob, label, relative_rmse(images[-1], expected), seconds))
+
+    add("default", "as it is", avatar, query)
+    add("skips", "no skips", without, query, NONE)
+    if isinstance(query.light, Environment):
+        for count in _LIGHTS[1:2] if quick else _LIGHTS:
+            lights = Group(tuple(Directional(d, e) for d, e in zip(*reduced(query.light, count), strict=True)))
+            add("lights", f"{count} lights", avatar, replace(query, light=lights))
+    for field, label, value in [] if quick else _settings(prior):
+        add(field, label, with_setting(prior, field, value).personalise(enrolment), query)
+    return [{"pose": pose, "points": [point.json() for point in points]} for pose, points in kinds.items()]
+
+
+def _poses(query: Query, pose: str) -> Callable[[int], Query]:
+    """Queries of a pose nobody has seen, or of the same one again and again."""
+    if pose == "known":
+        return lambda step: query
+    return lambda step: replace(query, mesh=moved(needed(query.mesh, "mesh"), step + 1))
+
+
+def _settings(prior: Prior) -> list[tuple[str, str, Any]]:
+    """Settings of a prior's configuration that its weights do not depend on."""
+    config = _config(prior)
+    found: list[tuple[str, str, Any]] = []
+    if hasattr(config, "texture") and _weightless(prior):
+        found += [("texture", f"{side}^2 texels", side) for side in (config.texture // 2, config.texture * 2)]
+    # a network that takes the map itself is made for one size of it
+    if hasattr(config, "environment") and getattr(config, "encoder", None) != "environment":
+        rows, columns = config.environment
+        found += [("environment", f"{rows // 2}x{columns // 2} map", (rows // 2, columns // 2))]
+    return found
+
+
+def _config(prior: Prior) -> Any:
+    owner = _owner(prior)
+    return None if owner is None else owner.config
+
+
+def _owner(prior: Prior) -> Any:
+    """The prior, or the network in it, whichever holds the configuration."""
+    for one in (prior, getattr(prior, "model", None)):
+        if is_dataclass(getattr(one, "config", None)):
+            return one
+    return None
+
+
+def _weightless(prior: Prior) -> bool:
+    """Whether a prior holds its configuration itself, as those do that have no network trained at one size."""
+    return _owner(prior) is prior
+
+
+def with_setting(prior: Prior, field: str, value: Any) -> Prior:
+    """A prior that shares its weights but differs in one setting."""
+    changed: Any = copy(prior)
+    if _owner(prior) is prior:
+        changed.config = replace(changed.config, **{field: value})
+        return changed
+    changed.model = copy(changed.model)
+    changed.model.config = replace(changed.model.config, **{field: value})
+    return changed

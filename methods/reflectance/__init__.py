@@ -1,0 +1,1 @@
+"""Relighting by a reflectance model alone: `physical` and `phong`."""
