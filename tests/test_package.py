@@ -146,3 +146,16 @@ def test_no_module_binds_a_name_twice() -> None:
             targets = line.targets if isinstance(line, ast.Assign) else []
             bound += [target.id for target in targets if isinstance(target, ast.Name)]
         assert len(bound) == len(set(bound)), f"{path.relative_to(ROOT)}: {sorted(bound)}"
+
+
+def test_the_names_of_a_plug_in_are_at_the_top_and_cost_nothing_until_used() -> None:
+    code = (
+        "import sys, handbench\n"
+        "heavy = {'torch', 'jax', 'open3d', 'numpy'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+        "assert set(handbench.__all__) <= set(dir(handbench))\n"
+        "assert all(getattr(handbench, name) is not None for name in handbench.__all__)\n"
+        "from handbench import Method, PosedAvatar, light_samples\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
