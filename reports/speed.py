@@ -21,7 +21,7 @@ from handbench.studies.speed.record import MITSUBA, RESULT, read
 from .run import machine
 from .template import UNREADABLE, environment
 
-POSES = {"new": "new pose", "known": "known pose"}
+POSES = {"new": "new pose", "known": "known pose, new light"}
 FOLDER = "report"
 
 
@@ -148,7 +148,7 @@ def _scaling(found: list[dict[str, Any]]) -> RichTable:
 
 def _methods(found: list[dict[str, Any]]) -> RichTable:
     grid = _grid("Methods: error to their own full picture, time of a picture")
-    for title in ("method", "setting", "error", "new pose", "known pose"):
+    for title in ("method", "setting", "error", "new pose", "known pose, new light"):
         grid.add_column(title, justify="left" if title in ("method", "setting") else "right")
     for method in found:
         if not method["curves"]:

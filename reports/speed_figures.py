@@ -23,7 +23,7 @@ COLOURS = {
 }
 MARKERS = {"lights": "o", "texture": "s", "grid": "D", "supersampling": "v", "shadows": "X", "precision": "P"}
 MARKERS |= {"skips": "*", "samples": "o", "environment": "D", "default": "o"}
-POSES = {"new": "New pose", "known": "Known pose"}
+POSES = {"new": "New pose", "known": "Known pose, new light"}
 _FLOOR = 1e-6
 """Errors are drawn no lower than this: an exact picture has none."""
 
@@ -201,7 +201,7 @@ def _methods(found: list[dict[str, Any]]) -> Figure:
         ncols=6,
         frameon=False,
         fontsize=8,
-        title="filled: known pose, hollow: new pose; errors below 0.0001 % are drawn there",
+        title="filled: known pose under a new light, hollow: new pose; errors below 0.0001 % are drawn there",
         title_fontsize=8,
     )
     return figure

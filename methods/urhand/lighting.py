@@ -17,7 +17,7 @@ from .config import Config
 from .released import released_features
 
 
-class Shading:
+class ShadingFeatures:
     """Shading features of a posed surface with refined normals (3, N) and roughness (N), under light after light."""
 
     def __init__(self, config: Config, normal: Tensor, roughness: Tensor, posed: PosedSurface, centre: Array) -> None:

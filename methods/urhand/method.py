@@ -61,7 +61,7 @@ class PosedURHand(PosedAvatar):
         joints = torch.from_numpy(needed(viewpoint.pose, "pose").joints.copy()).float().to(model.device)
         self._material = model.material(self._texture, joints, self._surface)
         maps = (self._material.normal, self._material.roughness, self._surface, viewpoint.camera.centre)
-        self._shading = lighting.Shading(model.config, *maps)
+        self._shading = lighting.ShadingFeatures(model.config, *maps)
 
     @torch.no_grad()
     def relight(self, light: Light) -> Prediction:

@@ -65,7 +65,7 @@ def test_urhand_stays_on_its_device(mesh: Mesh, preset: str) -> None:
         surface = PosedSurface(mesh, 64, META)
         texture = torch.rand(3, 64, 64, device=META)
         material = model.material(texture, torch.zeros(20, 3, device=META), surface)
-        lit = lighting.Shading(config, material.normal, material.roughness, surface, np.ones(3))
+        lit = lighting.ShadingFeatures(config, material.normal, material.roughness, surface, np.ones(3))
         visible = torch.ones(len(lights), surface.atlas.count, device=META)
         features = lit.features(lights, visible)
         colour, _ = model.colour(features, lights, material, texture, surface.atlas)

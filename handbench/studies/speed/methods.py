@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import is_dataclass, replace
-from typing import Any
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -18,11 +19,12 @@ from ...bench.protocol import Protocol, Selected, resolve
 from ...bench.run import find_protocol
 from ...data.capture import open_capture
 from ...errors import HandbenchError
+from ...light.environment import rotate
 from ...light.reduction import reduced
 from ...method import Avatar, Prior
 from ...recording import Recording
 from ...registry import METHODS
-from ...scene import Directional, Environment, Frame, Group, Query, needed
+from ...scene import Directional, Environment, Frame, Group, Light, Query, needed
 from ...skips import NONE, Skips, skipping
 from .measure import Point, timed
 from .scene import moved
@@ -31,6 +33,9 @@ from .truth import relative_rmse
 PROTOCOL = "smoke"
 _LIGHTS = (8, 32, 128)
 _FULL = Skips()
+_TURN = 0.7  # radians between the lights of a known pose
+
+Lit: TypeAlias = Callable[[Light], Light]
 
 
 def protocol() -> Protocol:
@@ -72,28 +77,40 @@ def _curves(prior: Prior, enrolment: Recording, query: Query, quick: bool) -> li
     kinds: dict[str, list[Point]] = {"new": [], "known": []}
     repeats = 2 if quick else 5
 
-    def add(knob: str, label: str, one: Avatar, asked: Query, skips: Skips = _FULL) -> None:
-        with skipping(skips):
-            for pose, points in kinds.items():
-                seconds, images = timed(_poses(asked, pose), lambda q: one.relight(q).image, repeats)
-                points.append(Point(knob, label, relative_rmse(images[-1], expected), seconds))
+    def add(knob: str, label: str, one: Avatar, lit: Lit = lambda light: light, skips: Skips = _FULL) -> None:
+        def new(step: int) -> Query:
+            mesh = moved(needed(query.mesh, "mesh"), step + 1)
+            return replace(query, mesh=mesh, light=lit(query.light))
 
-    add("default", "as it is", avatar, query)
-    add("skips", "no skips", without, query, NONE)
+        with skipping(skips):
+            seconds, images = timed(new, lambda q: one.relight(q).image, repeats)
+            kinds["new"].append(Point(knob, label, relative_rmse(images[-1], expected), seconds))
+            posed = one.pose(query.viewpoint)
+            seconds, _ = timed(lambda step: lit(_turned(query.light, step)), posed.relight, repeats)
+            image = posed.relight(lit(query.light)).image
+            kinds["known"].append(Point(knob, label, relative_rmse(image, expected), seconds))
+
+    add("default", "as it is", avatar)
+    add("skips", "no skips", without, skips=NONE)
     if isinstance(query.light, Environment):
         for count in _LIGHTS[1:2] if quick else _LIGHTS:
-            lights = Group(tuple(Directional(d, e) for d, e in zip(*reduced(query.light, count), strict=True)))
-            add("lights", f"{count} lights", avatar, replace(query, light=lights))
+            add("lights", f"{count} lights", avatar, partial(_few, count=count))
     for field, label, value in [] if quick else _settings(prior):
-        add(field, label, with_setting(prior, field, value).personalise(enrolment), query)
+        add(field, label, with_setting(prior, field, value).personalise(enrolment))
     return [{"pose": pose, "points": [point.json() for point in points]} for pose, points in kinds.items()]
 
 
-def _poses(query: Query, pose: str) -> Callable[[int], Query]:
-    """Queries of a pose nobody has seen, or of the same one again and again."""
-    if pose == "known":
-        return lambda step: query
-    return lambda step: replace(query, mesh=moved(needed(query.mesh, "mesh"), step + 1))
+def _turned(light: Light, step: int) -> Light:
+    """A light that a known pose has not seen: an environment is turned, another light is made brighter."""
+    if isinstance(light, Environment):
+        return rotate(light, _TURN * step)
+    return light.scaled(1.0 + step)
+
+
+def _few(light: Light, count: int) -> Light:
+    """An environment as a group of few lights."""
+    assert isinstance(light, Environment)
+    return Group(tuple(Directional(d, e) for d, e in zip(*reduced(light, count), strict=True)))
 
 
 def _settings(prior: Prior) -> list[tuple[str, str, Any]]:
