@@ -77,7 +77,7 @@ def after(milliseconds: int) -> None:
     timer.start()
 
 
-def half_dump(path: Path, content: dict[str, Any]) -> None:
+def half_dump(path: Path, text: str) -> None:
     path.write_text('{"schema": 1, "key": "' + "0" * 40)
     die()
 
@@ -90,8 +90,8 @@ def half_weights(tensors: Any, path: Path, metadata: Any) -> None:
 REAL_SAVE = checkpoint.save_file
 MOMENTS: dict[str, Strike] = {
     "reading": struck(OpenStage, "observe", lambda *_: die()),
-    "plan": struck(store, "_dump", half_dump, lambda path, _: ".run.json." in path.name),
-    "cell": struck(store, "_dump", half_dump, lambda path, _: path.parent.name == "cells"),
+    "plan": struck(store, "_put", half_dump, lambda path, _: ".run.json." in path.name),
+    "cell": struck(store, "_put", half_dump, lambda path, _: path.parent.name == "cells"),
     "step": struck(engine, "_step", lambda *_: die()),
     "checkpoint": struck(checkpoint, "save_file", half_weights),
     "prediction": struck(store.Store, "write_prediction", lambda *_: die()),

@@ -27,6 +27,7 @@ import numpy as np
 from handbench.bench.provenance import device
 from handbench.bench.store import Store
 from handbench.reports import write_reports
+from handbench.results.recordfile import sealed
 
 RESULTS = Path(__file__).parent / "kills.json"
 RUN = ("run", "smoke", "--methods", "mean,urhand", "--out", "run")
@@ -108,7 +109,7 @@ def timeless(run: Path) -> dict[str, bytes]:
         copy = Path(place) / run.name
         shutil.copytree(run, copy, ignore=shutil.ignore_patterns("report", "checkpoints", "claims"))
         for path in (copy / "run.json", *copy.glob("cells/*.json"), *copy.glob("priors/*/train.json")):
-            path.write_text(json.dumps(without_times(json.loads(path.read_text()))))
+            path.write_text(json.dumps(sealed(without_times(json.loads(path.read_text())))))
         write_reports(copy)
         return files(copy / "report")
 
@@ -132,11 +133,12 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def without_times(value: Any, is_time: bool = False) -> Any:
-    """JSON values with 1 for every number under a name that ends in _s or _ms, but for counts, and no dates."""
+    """JSON values with 1 for every number under a name that ends in _s or _ms, but for counts, no dates, and no digest
+    of a record, which seals its times."""
     if isinstance(value, dict):
         return {
             name: ""
-            if name == "started"
+            if name == "started" or (name == "digest" and "schema" in value)
             else without_times(each, name != "n" and (is_time or name.endswith(("_s", "_ms"))))
             for name, each in value.items()
         }

@@ -27,7 +27,9 @@ def _process(body: str, shell: str = "", **environment: str) -> subprocess.Compl
     command = ["sh", "-c", f'"$0" -c "$1" {shell}', sys.executable, code]
     env = {**os.environ, **environment}
     env.pop("PYTHONUNBUFFERED", None)  # so that the end finds something to write
-    return subprocess.run(command, capture_output=True, text=True, check=False, env=env, errors="surrogateescape")
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, env=env, errors="surrogateescape", timeout=120
+    )
 
 
 def test_a_command_ends_at_once_with_its_code_and_all_it_printed():

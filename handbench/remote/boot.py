@@ -38,8 +38,8 @@ def main() -> None:
     sys.path[:] = told["path"] + [place for place in sys.path if Path(place or ".").resolve() != here]
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _make_known(told["handbench"])
-    from .wire import Channel
-    from .worker import serve
+    from handbench.remote.wire import Channel
+    from handbench.remote.worker import serve
 
     serve(Channel(socket.socket(fileno=told["socket"])))
 

@@ -104,7 +104,7 @@ def test_times_alone_are_left_out_of_the_comparison(
     cell = json.loads(path.read_text())
     before = kills.without_times(cell)
     cell["times"]["personalise_s"] *= 3
-    cell["times"]["new_pose_ms"]["environment"]["median"] += 5
+    next(iter(cell["times"]["new_pose_ms"].values()))["median"] += 5
     cell["provenance"]["started"] = "yesterday"
     assert kills.without_times(cell) == before
     cell["scores"][0]["values"][0] += 1e-9

@@ -189,5 +189,5 @@ def test_training_keeps_its_shadows_in_the_cache_and_only_training(tmp_path: Pat
             told.append(shadow_store())
             return self
 
-    Priors(Store(tmp_path / "run")).get("key", Told(), lambda: None, 0, lambda *told, **values: None)
+    Priors(Store(tmp_path / "run")).get("key", Told(), lambda: None, 0, lambda *told, **values: None, lambda: None)
     assert told == [tmp_path / "data" / "shadows", None, None]

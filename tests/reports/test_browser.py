@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from handbench.reports.run import read_run
+from handbench.results.recordfile import sealed
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="the Python package playwright is not installed")
 
@@ -33,9 +34,9 @@ def run(whole_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     told = {"method": "urhand", "title": "URHand", "marker": "†", "source": "A paper"}
     plan["protocol"]["published"] = [{**told, "values": {"unseen-segment": [29.5, None, None]}}]
     plan["protocol"]["published_note"] = ""
-    (folder / "run.json").write_text(json.dumps(plan))
+    (folder / "run.json").write_text(json.dumps(sealed(plan) if "digest" in plan else plan))
     for cell in read_run(folder).of_method("physical"):
-        (folder / "cells" / f"{cell['key']}.json").unlink()
+        (folder / "cells" / f"{cell.key}.json").unlink()
     return folder
 
 

@@ -62,7 +62,7 @@ def test_a_clean_run_says_so(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("{", "cannot be read"),
+        ("{", "is no JSON"),
         ('{"schema": 99}', "schema 99, expected 1"),
         ("[]", "schema None"),
         ('{"schema": 1, "cases": []}', "lacks what a stress run writes"),
