@@ -11,7 +11,7 @@ from ..scene import Array, Directional, Environment, Light, Point, known_leaves
 from ..skips import note, skips
 from .environment import to_directional
 from .reduction import reduced
-from .spread import CELLS, spread
+from .spread import spread
 
 _BILLION = 10**9
 
@@ -21,15 +21,13 @@ class LightSet:
     """L distant lights: unit directions (L, 3), irradiance (L, 3); P near ones: positions (P, 3), intensities (P, 3).
 
     Rows of visibility belong to the distant lights first, then to the near ones. To differentiate in the
-    irradiance or the intensities, give them as torch tensors; shading takes both. The first `steady` distant lights
-    have the same directions for every environment: what is worked out for one serves the next.
+    irradiance or the intensities, give them as torch tensors; shading takes both.
     """
 
     directions: Array
     irradiance: Array
     positions: Array
     intensities: Array
-    steady: int = 0
 
     def __len__(self) -> int:
         return len(self.directions) + len(self.positions)
@@ -50,8 +48,6 @@ def light_samples(
     is noted in billionths of their power. Near lights are never faint: how far away they are decides.
     Raises `Unsupported` for an unknown light.
     """
-    if isinstance(light, Environment) and environment_lights is None and environment_error > 0.0:
-        return _spread(light, environment_size, environment_error)
     distant: list[tuple[Array, Array]] = []
     near: list[tuple[Array, Array]] = []
     for leaf in known_leaves(light):
@@ -78,14 +74,6 @@ def _environment(leaf: Environment, size: tuple[int, int], lights: int | None, e
     if lights is not None:
         return reduced(leaf, lights)
     return spread(leaf, size, error) if error > 0.0 else to_directional(leaf, *size, dark=True)
-
-
-def _spread(light: Environment, size: tuple[int, int], error: float) -> LightSet:
-    """An environment alone: the lights of the cells come first, dark ones too."""
-    where, power = spread(light, size, error)
-    note("lights", size[0] * size[1], size[0] * size[1] - len(power))
-    nothing = np.zeros((0, 3))
-    return LightSet(where, power, nothing, nothing, steady=CELLS)
 
 
 def _joined(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ from handbench.light.spread import ENVIRONMENT_ERROR
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.recording import Need
 from handbench.render.see.raster import Raster, rasterise
-from handbench.render.shade.shading import KnownSurface, Model
+from handbench.render.shade.shading import Model, light_features
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Array, Frame, Light, Prediction, Viewpoint, needed
 from handbench.skips import note, skips
@@ -88,7 +88,6 @@ class Shading:
         self._surface, self._centre, self._model = surface, centre, model
         self._normal, self._position = surface.normal, surface.position
         self._texels: Array | None = None
-        self._known: dict[float, KnownSurface] = {}  # by roughness
         if raster is not None and skips().unseen:
             self._texels = np.flatnonzero(atlas.needed(raster.texels(atlas.size)))
             self._normal, self._position = (values[:, self._texels] for values in (self._normal, self._position))
@@ -100,10 +99,8 @@ class Shading:
         if texels is not None:
             note("texels out of sight", atlas.count, atlas.count - len(texels))
         visible = self._surface.visibility(lights, texels=texels)
-        if roughness not in self._known:
-            rough = torch.full((self._normal.shape[1],), roughness)
-            self._known[roughness] = KnownSurface(self._normal, self._position, rough, self._centre, self._model)
-        found = self._known[roughness].features(lights, visible)
+        rough = torch.full((self._normal.shape[1],), roughness)
+        found = light_features(self._normal, self._position, rough, self._centre, lights, visible, self._model)
         if texels is not None:
             where = torch.from_numpy(texels)
             diffuse, specular = (f.new_zeros(3, atlas.count).index_copy(1, where, f) for f in found)

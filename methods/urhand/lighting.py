@@ -9,7 +9,7 @@ from torch import Tensor
 from handbench.errors import Unsupported
 from handbench.light.environment import solid_angles, texels
 from handbench.light.lightset import LightSet
-from handbench.render.shade.shading import KnownSurface, Model
+from handbench.render.shade.shading import light_features
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Array
 
@@ -17,20 +17,20 @@ from .config import Config
 from .released import released_features
 
 
-class ShadingFeatures:
-    """Shading features of a posed surface with refined normals (3, N) and roughness (N), under light after light."""
-
-    def __init__(self, config: Config, normal: Tensor, roughness: Tensor, posed: PosedSurface, centre: Array) -> None:
-        model: Model = config.shading if config.specular and config.shading != "released" else "diffuse"
-        self._released = config.shading == "released"
-        self._surface = (normal, posed.position, roughness, centre)
-        self._known = KnownSurface(*self._surface, model)
-
-    def features(self, lights: LightSet, visible: Tensor | None) -> Tensor:
-        """Diffuse and specular features, (6, N) (supp. Eqs. 1-2 or what an ablation puts in their place)."""
-        if self._released:
-            return torch.cat(released_features(*self._surface, lights, visible))
-        return torch.cat(self._known.features(lights, visible))
+def features(
+    config: Config,
+    normal: Tensor,
+    roughness: Tensor,
+    posed: PosedSurface,
+    centre: Array,
+    lights: LightSet,
+    visible: Tensor | None,
+) -> Tensor:
+    """Diffuse and specular shading features, (6, N) (supp. Eqs. 1-2 or what an ablation puts in their place)."""
+    if config.shading == "released":
+        return torch.cat(released_features(normal, posed.position, roughness, centre, lights, visible))
+    model = config.shading if config.specular else "diffuse"
+    return torch.cat(light_features(normal, posed.position, roughness, centre, lights, visible, model))
 
 
 def power(lights: LightSet, visible: Tensor | None = None) -> Tensor:

@@ -60,8 +60,7 @@ class PosedURHand(PosedAvatar):
         self._raster = rasterise(self._surface.mesh, viewpoint.camera)
         joints = torch.from_numpy(needed(viewpoint.pose, "pose").joints.copy()).float().to(model.device)
         self._material = model.material(self._texture, joints, self._surface)
-        maps = (self._material.normal, self._material.roughness, self._surface, viewpoint.camera.centre)
-        self._shading = lighting.ShadingFeatures(model.config, *maps)
+        self._centre = viewpoint.camera.centre
 
     @torch.no_grad()
     def relight(self, light: Light) -> Prediction:
@@ -70,7 +69,8 @@ class PosedURHand(PosedAvatar):
         error = config.environment_error if config.encoder == "features" else 0.0
         lights = light_samples(light, config.environment, environment_error=error)
         visible = visibility(surface, lights, config.shadows)
-        features = self._shading.features(lights, visible)
+        maps = (material.normal, material.roughness, surface, self._centre)
+        features = lighting.features(config, *maps, lights, visible)
         colour, _ = model.colour(features, lights, material, self._texture, surface.atlas)
         if config.exposure and visible is not None:
             colour = colour * (lighting.power(lights, visible) / lighting.power(lights).clamp_min(1e-12))

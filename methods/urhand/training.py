@@ -98,9 +98,7 @@ class Lesson:
     def _features(
         self, view: View, normal: Tensor, roughness: Tensor, lights: LightSet, visible: Tensor | None
     ) -> Tensor:
-        return lighting.ShadingFeatures(self.config, normal, roughness, view.posed, view.centre).features(
-            lights, visible
-        )
+        return lighting.features(self.config, normal, roughness, view.posed, view.centre, lights, visible)
 
     def _image_terms(self, view: View, drawn: Tensor, target: Tensor, rng: np.random.Generator) -> dict[str, Tensor]:
         """L1 and perceptual loss of the final picture and, weighted, of the physical branch's.

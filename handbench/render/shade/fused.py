@@ -104,11 +104,18 @@ def _over_lights(
     with jax.enable_x64(True):
         texels = [jnp.asarray(np.ascontiguousarray(filled(values.detach().numpy()))) for values in (*maps, *gradient)]
         parts = [jnp.zeros((7 if gradient else 3 * RESPONSES[model], count + spare), jnp.float32)] * workers
+        several = len(where) > _LIGHTS
         for start in range(0, len(where), _LIGHTS):
             some = slice(start, start + _LIGHTS)
             order = np.argsort(~reaches[:, some], axis=1, kind="stable")  # those that reach the block first, in order
-            lit = np.ones((1, 1), dtype=bool) if seen is None else filled(_padded(seen[some]), "constant")
-            lamps = [_padded(where[some]), _padded(power[some]), lit, order, reaches[:, some].sum(axis=1)]
+            lit = np.ones((1, 1), dtype=bool) if seen is None else filled(_padded(seen[some], several), "constant")
+            lamps = [
+                _padded(where[some], several),
+                _padded(power[some], several),
+                lit,
+                order,
+                reaches[:, some].sum(axis=1),
+            ]
             given = [jnp.asarray(values) for values in lamps]
 
             def part(worker: int, before: Any, given: list[Any] = given) -> Any:
@@ -143,9 +150,10 @@ def _reaches(normal: Tensor, where: Array, seen: Array | None, block: int, block
     return reaches
 
 
-def _padded(rows: Array) -> Array:
-    """Rows (l, ...) with zeros added up to a power of two, at least 8 and at most `_LIGHTS`."""
-    missing = min(_LIGHTS, max(8, 1 << (len(rows) - 1).bit_length())) - len(rows)
+def _padded(rows: Array, several: bool) -> Array:
+    """Rows (l, ...) with zeros added up to a power of two, at least 8 and at most `_LIGHTS`; to all of those where
+    there are several calls, so that the last compiles nothing of its own."""
+    missing = (_LIGHTS if several else min(_LIGHTS, max(8, 1 << (len(rows) - 1).bit_length()))) - len(rows)
     return np.pad(rows, ((0, missing), (0, 0))) if missing else rows
 
 

@@ -28,7 +28,6 @@ from .switch import summed
 from .tiles import LIGHTS, Dots, blocks, distant, near, responses
 
 __all__ = [
-    "KnownSurface",
     "LightSet",
     "Model",
     "disney_radiance",
@@ -165,35 +164,6 @@ def transfer(
             both = responses(distant, where[some], visibility[some, texels], local, "brdf", normal.dtype)
             answer[0, some, texels], answer[1, some, texels] = both
     return answer
-
-
-class KnownSurface:
-    """N texels of a posed surface, shaded under light after light by URHand's BRDF or another model.
-
-    What the lights give that are the same for every environment (`LightSet.steady`) is worked out once, as a transfer
-    of 8 bytes a texel and light. Maps and answers are those of `light_features`, up to rounding.
-    """
-
-    def __init__(
-        self, normal: Tensor, position: Tensor, roughness: Tensor, camera_centre: Tensor | Array, model: Model = "brdf"
-    ) -> None:
-        self._surface = (normal, position, roughness, camera_centre)
-        self._model = model
-        self._kept: Tensor | None = None
-
-    def features(self, lights: LightSet, visibility: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Diffuse and specular features (3, N) under lights that reach texels as `visibility` (L + P, N) says."""
-        steady = lights.steady
-        if not steady or visibility is None or self._model != "brdf" or not skips().known:
-            return light_features(*self._surface, lights, visibility, self._model)
-        if self._kept is None:
-            self._kept = transfer(*self._surface, lights.directions[:steady], visibility[:steady])
-        diffuse, specular = relight(self._kept, lights.irradiance[:steady])
-        rest = LightSet(lights.directions[steady:], lights.irradiance[steady:], lights.positions, lights.intensities)
-        if len(rest):
-            more = light_features(*self._surface, rest, visibility[steady:], self._model)
-            diffuse, specular = diffuse + more[0], specular + more[1]
-        return diffuse, specular
 
 
 def relight(known: Tensor, irradiance: Array) -> tuple[Tensor, Tensor]:

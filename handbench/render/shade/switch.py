@@ -11,12 +11,15 @@ from .tiles import Dots, distant, tiles
 _FUSE = 1 << 20
 """From this many pairs on the fused kernel, which takes a second or two to compile for a shape, beats tiles."""
 
+_DRAW = 1 << 18
+"""The same where nothing is differentiated: pictures of many lights have few shapes, which are compiled once."""
+
 
 def summed(
     dots: Dots, where: Tensor, power: Tensor, seen: Tensor | None, maps: tuple[Tensor, ...], model: str
 ) -> Tensor:
     """The responses (K, 3, N) under lights of one kind, tile by tile or fused."""
-    large = len(where) * maps[0].shape[1] >= _FUSE
+    large = len(where) * maps[0].shape[1] >= (_FUSE if torch.is_grad_enabled() else min(_FUSE, _DRAW))
     by_light = torch.is_grad_enabled() and (power.requires_grad or (seen is not None and seen.requires_grad))
     on_cpu = power.device.type == "cpu"
     if dots is distant and large and on_cpu and power.dtype == torch.float32 and not by_light and usable():
