@@ -13,13 +13,18 @@ from torch import Tensor
 
 from handbench.errors import InputError, StorageError
 
-SCHEMA = 1
+SCHEMA = 2
 _FILE = "weights.safetensors"
 
 
 def save_state(folder: Path, method: str, config: Mapping[str, Any], state: Mapping[str, Tensor]) -> None:
-    """Write tensors and the configuration of a method into a folder. Raises `StorageError` if it cannot be written."""
-    metadata = {"schema": str(SCHEMA), "method": method, "config": json.dumps(config, sort_keys=True)}
+    """Write tensors and the configuration of a method into a folder: equal ones give equal bytes.
+
+    Raises `StorageError` if it cannot be written.
+    """
+    # in one value: the library writes several in an order that changes from process to process
+    told = {"schema": SCHEMA, "method": method, "config": config}
+    metadata = {"handbench": json.dumps(told, sort_keys=True)}
     try:
         save_file({name: tensor.contiguous() for name, tensor in state.items()}, folder / _FILE, metadata)
     except SafetensorError as error:  # the library's word for a full disk
@@ -35,16 +40,16 @@ def load_state(folder: Path, method: str, config: Mapping[str, Any]) -> dict[str
     path = folder / _FILE
     try:
         with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
+            told = json.loads((file.metadata() or {}).get("handbench", "{}"))
         state = load_file(path)
-    except (OSError, SafetensorError) as error:
+    except (OSError, ValueError, SafetensorError) as error:
         raise InputError(f"weights {path} cannot be read ({error}); train again") from error
-    if metadata.get("schema") != str(SCHEMA) or metadata.get("method") != method:
-        found = f"{metadata.get('method')!r} of schema {metadata.get('schema')}"
+    if told.get("schema") != SCHEMA or told.get("method") != method:
+        found = f"{told.get('method')!r} of schema {told.get('schema')}"
         raise InputError(f"weights {path} are of {found}, expected {method!r} of schema {SCHEMA}; train again")
-    wanted = json.dumps(config, sort_keys=True)
-    if metadata.get("config") != wanted:
-        raise InputError(f"weights {path} were trained with {metadata.get('config')}, asked for {wanted}; train again")
+    trained, wanted = (json.dumps(each, sort_keys=True) for each in (told.get("config"), config))
+    if trained != wanted:
+        raise InputError(f"weights {path} were trained with {trained}, asked for {wanted}; train again")
     if odd := [name for name, tensor in state.items() if not tensor.isfinite().all()]:
         raise InputError(f"weights {path} hold NaN or infinity in {odd[0]}; train again")
     return state
