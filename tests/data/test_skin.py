@@ -119,3 +119,19 @@ def test_seams_do_not_show() -> None:
     assert len(same) > 100
     difference = np.abs(colour[uv[order[same]]] - colour[uv[order[same + 1]]])
     assert np.median(difference) < 0.5 * colour.std()
+
+
+def test_fair_skin_scatters_as_jensen_measured_and_dark_skin_less_far() -> None:
+    back = (places(HAND, SIZE).facing < -0.5) & (places(HAND, SIZE).nail < 1e-6)
+    fair, dark = (1e3 * np.median(flat(skin(m).mean_free_path)[back], axis=0) for m in (0.15, 1.0))
+    np.testing.assert_allclose(fair, [3.7, 1.4, 0.7], rtol=0.1)
+    assert (0.35 * fair < dark).all() and (dark < 0.75 * fair).all()
+
+
+def test_nothing_scatters_under_polish() -> None:
+    middle = places(HAND, SIZE).nail > 0.9
+    bare, painted = skin(), skin(polish=(0.4, 0.01, 0.02))
+    on = middle & (flat(painted.albedo)[:, 0] > 5 * flat(painted.albedo)[:, 1])
+    assert on.sum() > 50
+    assert flat(painted.mean_free_path)[on].max() < 5e-5 < 4e-4 < flat(bare.mean_free_path)[on].min()
+    assert flat(painted.mean_free_path)[places(HAND, SIZE).nail < 1e-6].min() > 1e-4

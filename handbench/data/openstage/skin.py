@@ -18,6 +18,7 @@ from .creases import finger_lines, knuckle_folds, palm_lines, tendons, veins
 from .noise import Noise
 from .places import Places, places, smoothstep
 from .tattoo import tattoo
+from .translucency import mean_free_path
 
 FOUR = FINGERS[1:]
 
@@ -43,13 +44,15 @@ class SkinLook:
 class Skin:
     """albedo (R, R, 3) linear, roughness (R, R), displacement (R, R) metres along the normal; float32, row 0 = top.
 
-    bump (R, R): furrows of the skin in metres, too fine for the mesh.
+    bump (R, R): furrows of the skin in metres, too fine for the mesh. mean_free_path (R, R, 3): of diffuse light under
+    the surface, metres, red, green, blue; 0 where nothing scatters (nail polish).
     """
 
     albedo: Array
     roughness: Array
     displacement: Array
     bump: Array
+    mean_free_path: Array
 
 
 # Optical densities of blanched skin and of one unit of each pigment, red, green, blue.
@@ -58,6 +61,8 @@ MELANIN = np.array([0.42, 0.57, 0.74])
 HAEMOGLOBIN = np.array([0.09, 0.55, 0.48])
 VEIN = np.array([0.16, 0.06, 0.0])
 INK = np.array([1.75, 1.5, 1.2])
+# Under a nail light meets a thin plate and the bed: metres.
+_NAIL_PATH = np.array([1.6e-3, 0.8e-3, 0.5e-3])
 
 _TATTOO_CENTRE, _TATTOO_RADIUS = np.array([-0.001, 0.052]), 0.017
 
@@ -100,6 +105,7 @@ def make_skin(hand: OpenHand, identity: Identity, look: SkinLook, size: int = 10
         x, y = ((at.position[:, :2] - _TATTOO_CENTRE) / _TATTOO_RADIUS).T
         ink = tattoo(look.tattoo, -x, y) * smoothstep(-0.1, -0.4, at.facing) * (at.finger < 0)
         density += (ink * np.clip(0.85 + 0.08 * mottle, 0, 1))[:, None] * INK
+    path = mean_free_path(melanin, blood) * (1 - 0.25 * joints * back)[:, None]  # little lies between skin and bone
 
     roughness = (
         look.roughness
@@ -114,7 +120,9 @@ def make_skin(hand: OpenHand, identity: Identity, look: SkinLook, size: int = 10
     displacement += 2.0e-4 * tendons(at, hand.template.points[[hand.joint_names.index(f"{f}1") for f in FOUR]])
     displacement += 2.5e-5 * noise.field(at.position, 0.005) * (0.3 + 0.7 * at.hand)
     bump = (-3.0e-5 * relief - look.creases * 4e-5 * (lines + folds) + 4e-6 * mottle) * (nail > 1)
-    return _textures(at, *_with_nails(at, look, nail, np.exp(-density), roughness, displacement, noise), bump)
+    plate = smoothstep(1.02, 0.96, nail)[:, None]
+    path = path * (1 - plate) + (look.polish is None) * _NAIL_PATH * plate
+    return _textures(at, *_with_nails(at, look, nail, np.exp(-density), roughness, displacement, noise), bump, path)
 
 
 def _tone(look: SkinLook) -> float:
@@ -207,7 +215,8 @@ def _with_nails(
     return albedo, np.clip(roughness, 0.08, 1.0), displacement
 
 
-def _textures(at: Places, albedo: Array, roughness: Array, displacement: Array, bump: Array) -> Skin:
-    flat = np.stack([*albedo.T, roughness, displacement, bump])
+def _textures(at: Places, albedo: Array, roughness: Array, displacement: Array, bump: Array, path: Array) -> Skin:
+    flat = np.stack([*albedo.T, *path.T, roughness, displacement, bump])
     maps = at.atlas.dilate(at.atlas.scatter(torch.from_numpy(np.ascontiguousarray(flat, np.float32)))).numpy()
-    return Skin(np.ascontiguousarray(np.moveaxis(maps[:3], 0, 2)), maps[3], maps[4], maps[5])
+    colour, paths = (np.ascontiguousarray(np.moveaxis(m, 0, 2)) for m in (maps[:3], maps[3:6]))
+    return Skin(colour, maps[6], maps[7], maps[8], paths)
