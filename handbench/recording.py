@@ -10,8 +10,10 @@ from typing import Any, Literal, get_args
 from .errors import InputError
 from .scene import Frame, FrameKind, Light, Mesh, Observation, Query, Topology, Uncalibrated, Unknown, leaves
 
-Part = Literal["image", "alpha", "camera", "depth", "normal", "uv", "pose", "shape", "mesh", "light"]
-"""What can be given of a frame. "uv" is the UVs of meshes and the UV maps of pictures."""
+Part = Literal[
+    "image", "alpha", "camera", "depth", "normal", "uv", "keypoints", "scan", "pose", "shape", "mesh", "light"
+]
+"""What can be given of a frame. "uv" is the UVs of meshes and the UV maps of pictures; "mesh" is a tracked mesh."""
 PARTS: frozenset[Part] = frozenset(get_args(Part))
 
 Need = Literal[Part, FrameKind, "olat or group"]
@@ -122,7 +124,7 @@ def _reader(
     recorded: dict[str, Frame], observe: Callable[[Frame], Observation], gives: frozenset[Part]
 ) -> Callable[[Frame], Observation]:
     """Reads the images of the recorded frames by their keys: whatever frame it is asked for, it tells no other."""
-    withheld: dict[str, Any] = dict.fromkeys({"alpha", "depth", "normal", "uv"} - gives)
+    withheld: dict[str, Any] = dict.fromkeys({"alpha", "depth", "normal", "uv", "keypoints", "scan"} - gives)
 
     def read(frame: Frame) -> Observation:
         if frame.key not in recorded:

@@ -31,7 +31,10 @@ def _frame(pose: str, lighting: str) -> Frame:
 
 def _observe(frame: Frame) -> Observation:
     maps = {"normal": np.full((4, 4, 3), SECRET), "depth": np.full((4, 4), SECRET), "uv": np.full((4, 4, 2), SECRET)}
-    return Observation(np.full((4, 4, 3), 0.5), np.full((4, 4), SECRET), **maps)
+    scan = Mesh(np.eye(3) + SECRET, _TOPOLOGY)
+    return Observation(
+        np.full((4, 4, 3), 0.5), np.full((4, 4), SECRET), **maps, keypoints=np.full((21, 3), SECRET), scan=scan
+    )
 
 
 FRAMES = tuple(_frame(pose, lighting) for pose in ("fist", "open") for lighting in ("env-park", "env-hall"))
@@ -93,6 +96,8 @@ def test_one_part_is_left_out_and_the_others_stay(part):
         "depth": seen.depth is not None,
         "normal": seen.normal is not None,
         "uv": seen.uv is not None,
+        "keypoints": seen.keypoints is not None,
+        "scan": seen.scan is not None,
         "pose": frame.pose is not None,
         "shape": frame.shape is not None,
         "mesh": frame.mesh is not None,

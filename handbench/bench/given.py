@@ -128,6 +128,8 @@ _WORDS: dict[Need, str] = {
     "depth": "depth maps",
     "normal": "normal maps",
     "uv": "UVs",
+    "keypoints": "key points",
+    "scan": "scans",
     "pose": "poses",
     "shape": "hand shapes",
     "mesh": "tracked meshes",

@@ -47,6 +47,13 @@ class Capture(ABC):
     def observe(self, frame: Frame) -> Observation:
         """The images of a frame. Raises `InputError` if a file is missing, damaged or of the wrong size."""
 
+    def truth(self, frame: Frame) -> Frame:
+        """The frame with its true pose, shape and mesh, where the capture knows them better than its frames tell.
+
+        For scoring: a method is told what frames say.
+        """
+        return frame
+
     def recording(self, frames: Iterable[Frame]) -> Recording:
         """The given frames as a method sees them."""
         return Recording(frames, self.observe)

@@ -105,12 +105,14 @@ class Query:
 class Frame(Query):
     """A recorded frame: a query whose answer was photographed. `kind` tells how it was lit.
 
-    `shape` holds the coefficients (n,) of the subject in the capture's hand model, None where there are none.
+    `shape` holds the coefficients (n,) of the subject in the capture's hand model, None where there are none. `moment`
+    is the frame's place in a sequence, from 0; None where poses have no order in time.
     """
 
     segment: str
     kind: FrameKind
     shape: Array | None = None
+    moment: int | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

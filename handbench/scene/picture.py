@@ -20,6 +20,8 @@ class Observation:
     """What was recorded in a frame: image (H, W, 3), and alpha (H, W) and geometry channels where there are any.
 
     normal (H, W, 3) in world space, depth (H, W) in metres along z, uv (H, W, 2); zero where alpha is zero.
+    keypoints (K, 3): where a detector saw the hand model's key points, x and y in pixels, and how sure it was, 0 to 1.
+    scan: the surface as a scanner measured it in the frame's pose; its topology is its own.
     """
 
     image: Array
@@ -27,6 +29,8 @@ class Observation:
     normal: Array | None = None
     depth: Array | None = None
     uv: Array | None = None
+    keypoints: Array | None = None
+    scan: Mesh | None = None
 
     def __post_init__(self) -> None:
         given = _measured("observation", "image", self.image)
@@ -38,6 +42,8 @@ class Observation:
             if value is not None:
                 value = _measured("observation", name, value)
                 _set(self, name, _array("observation", name, value, (height, width, *channels), np.float32))
+        if self.keypoints is not None:
+            _set(self, "keypoints", _array("observation", "keypoints", self.keypoints, (None, 3), np.float64))
 
 
 @dataclass(frozen=True, eq=False)
