@@ -23,7 +23,9 @@ class TracedSurface:
 
     normals (V, 3): smooth vertex normals, computed from the faces if None. specular: the principled BSDF's
     reflectance knob (0.42 is an index of refraction of 1.45, dry skin). bump (R, R): relief in
-    metres too fine for the mesh, which tilts the shading normal.
+    metres too fine for the mesh, which tilts the shading normal. mean_free_path (R, R, 3) or (3,): how far light
+    travels under the surface, the diffuse mean free path in metres per channel, 0 where nothing scatters; None: light
+    leaves where it arrives (the surface model).
     """
 
     mesh: Mesh
@@ -32,6 +34,7 @@ class TracedSurface:
     normals: Array | None = None
     specular: float = 0.42
     bump: Array | None = None
+    mean_free_path: Array | None = None
 
 
 def sensor(camera: Camera) -> dict[str, Any]:
