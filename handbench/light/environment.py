@@ -9,6 +9,7 @@ Radiance is constant within a texel.
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..errors import InputError
 from ..scene import Array, Environment
@@ -40,7 +41,7 @@ def solid_angles(height: int, width: int) -> Array:
 def resize(environment: Environment, height: int, width: int) -> Environment:
     """The map at another size: each texel is the mean radiance over its solid angle, so power is kept.
 
-    Raises `InputError` for a size below 1 x 1.
+    The same bits whatever the number of threads. Raises `InputError` for a size below 1 x 1.
     """
     if height < 1 or width < 1:
         raise InputError(f"environment {environment.name!r} cannot have {height}x{width} texels; give at least 1x1")
@@ -50,14 +51,18 @@ def resize(environment: Environment, height: int, width: int) -> Environment:
     rows = _overlaps(*(-np.cos(np.linspace(0.0, np.pi, n + 1)) for n in (height, old_height)))
     columns = _overlaps(*(np.linspace(0.0, 1.0, n + 1) for n in (width, old_width)))
     banded = (rows @ environment.radiance.reshape(old_height, -1)).reshape(height, old_width, 3)
-    return Environment(environment.name, columns @ banded)
+    turned = columns @ banded.swapaxes(0, 1).reshape(old_width, -1)
+    return Environment(environment.name, turned.reshape(width, height, 3).swapaxes(0, 1))
 
 
-def _overlaps(new: Array, old: Array) -> Array:
-    """The share of each old interval in each new one, (new, old); intervals between increasing edges."""
+def _overlaps(new: Array, old: Array) -> csr_array:
+    """The share of each old interval in each new one, (new, old); intervals between increasing edges.
+
+    Sparse, as few overlap; and its products are summed in one order, unlike a dense one's, which threads share out.
+    """
     low = np.maximum(new[:-1, None], old[None, :-1])
     high = np.minimum(new[1:, None], old[None, 1:])
-    return np.maximum(high - low, 0.0) / np.diff(new)[:, None]
+    return csr_array(np.maximum(high - low, 0.0) / np.diff(new)[:, None])
 
 
 def rotate(environment: Environment, angle: float) -> Environment:

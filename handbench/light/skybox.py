@@ -97,9 +97,7 @@ def equirectangular(faces: Array, height: int, width: int) -> Array:
     direction = _direction(face[:, None, None], s, t)
     solid = (2.0 / n / _SUPERSAMPLE) ** 2 * (1.0 + s * s + t * t) ** -1.5
     power = np.maximum(faces[face, row, column].astype(np.float64) - bound, 0.0)[:, None, None] * solid[..., None]
-    i, _ = texels(direction, height, width)
-    # cut towards zero, not down as `texels` does: lamps at x < 0 come one texel too far; captures that exist have it
-    j = (np.arctan2(direction[..., 0], -direction[..., 2]) / (2 * np.pi) * width).astype(int) % width
+    i, j = texels(direction, height, width)
     np.add.at(radiance, (i, j), power / solid_angles(height, width)[i, j][..., None])
     return radiance.astype(np.float32)
 

@@ -43,7 +43,8 @@ def spread(environment: Environment, size: tuple[int, int], error: float, cells:
         )
     middle, owner, away = _cells(rows, columns, cells)
     where = directions(rows, columns).reshape(-1, 3)
-    power = _powers(environment, rows, columns).reshape(-1, 3)
+    radiance = resize(environment, rows, columns).radiance.astype(np.float64)
+    power = (radiance * solid_angles(rows, columns)[..., None]).reshape(-1, 3)
     strength = power.sum(axis=1)
     moved = np.square(strength * away)
     order = np.argsort(-moved, kind="stable")
@@ -53,18 +54,6 @@ def spread(environment: Environment, size: tuple[int, int], error: float, cells:
     shared[alone] = 0.0
     of_cells = np.stack([np.bincount(owner, channel, cells) for channel in shared.T], axis=1)
     return np.concatenate([middle, where[alone]]), np.concatenate([of_cells, power[alone]])
-
-
-def _powers(environment: Environment, rows: int, columns: int) -> Array:
-    """Radiance times solid angle (rows, columns, 3) of the map at a size.
-
-    Summed over texels by numpy's own loops: threads of its matrix products spin on, and networks after them wait.
-    """
-    height, width = environment.radiance.shape[:2]
-    if height % rows or width % columns:
-        return resize(environment, rows, columns).radiance * solid_angles(rows, columns)[..., None]
-    power = environment.radiance * solid_angles(height, width)[..., None]
-    return power.reshape(rows, height // rows, columns, width // columns, 3).sum(axis=(1, 3))
 
 
 @lru_cache(maxsize=8)

@@ -9,7 +9,7 @@ import pytest
 
 from handbench.data.environments import read_environment
 from handbench.errors import InputError
-from handbench.light.environment import directions, resize, rotate, solid_angles, texels, to_directional
+from handbench.light.environment import _overlaps, directions, resize, rotate, solid_angles, texels, to_directional
 from handbench.light.stage import stage_directions
 from handbench.scene import Environment
 
@@ -71,6 +71,17 @@ def test_resize_by_whole_factors_is_the_weighted_mean() -> None:
 def test_resize_of_a_constant_is_the_constant() -> None:
     small = resize(Environment("grey", np.full((31, 57, 3), 0.7)), 16, 32)
     assert np.allclose(small.radiance, 0.7, rtol=1e-6)
+
+
+def test_texels_are_summed_in_one_order() -> None:
+    """Bit for bit the sum from the first to the last: what threads share out (a dense product) is summed otherwise."""
+    radiance = random_map(37, 3).radiance.reshape(37, -1).astype(np.float64)
+    shares = _overlaps(np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 38))
+    for row, found in zip(shares.toarray(), shares @ radiance, strict=True):
+        total = np.zeros(9)
+        for share, texel in zip(row, radiance, strict=True):
+            total += share * texel
+        assert found.tobytes() == total.tobytes()
 
 
 def test_a_turn_by_whole_columns_turns_the_lights() -> None:

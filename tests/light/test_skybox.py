@@ -115,6 +115,15 @@ def test_a_sun_arrives_whole_and_in_place(face: int, row: int, column: int) -> N
     assert moment @ _direction(np.array([face]), s, t)[0] / np.linalg.norm(moment) > np.cos(1.5 * np.pi / 32)
 
 
+def test_the_mirrored_cube_is_the_mirrored_map() -> None:
+    n = 64
+    faces = np.ones((6, n, n, 3), dtype=np.float32)
+    for lamp in [(1, 13, 5), (4, 8, 42), (5, 51, 23), (2, 6, 61), (0, 9, 39)]:
+        faces[lamp] = 5000.0
+    mirrored = faces[[1, 0, 2, 3, 4, 5], :, ::-1]  # x to -x: two faces change places, all change their sides
+    assert np.allclose(equirectangular(mirrored, 32, 64), equirectangular(faces, 32, 64)[:, ::-1], rtol=1e-5)
+
+
 def test_shipped_skyboxes_keep_their_power() -> None:
     import importlib.util
 

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from ...errors import unknown_name
 
 # Raise when the generator changes what any recipe produces: captures of another version are then made anew.
-GENERATOR_VERSION = 2
+GENERATOR_VERSION = 3
 # The layout of a capture folder; readers refuse another one.
 SCHEMA = 1
 
