@@ -39,11 +39,11 @@ def enrolment(selected: Selected, info: MethodInfo, subject: str, observe: Calla
 def asked(selected: Selected, info: MethodInfo, frame: Frame) -> Query:
     """What a method is told of a frame that it draws: pose and camera, the mesh if enrolment gives meshes, the light.
 
-    In a column that asks for the light as enrolled nothing is told of that but this. Rows whose pictures are looked up
-    by the frame's name, the truth and pictures made elsewhere, are told the frame's own.
+    In a column that asks for the light as enrolled nothing is told of that but this. A calibration row with the truth
+    in hand looks it up by the frame's name, so it is told the frame's own.
     """
     query = frame.query
-    if info.truth or not info.timed:
+    if info.truth:
         return query
     if frame.key in selected.as_enrolled:
         query = replace(query, light=Unknown(AS_ENROLLED), lighting=AS_ENROLLED)

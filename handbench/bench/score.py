@@ -10,11 +10,16 @@ from ..data.predictions import Asked, read_folder, write_template
 from ..data.predictions.manifest import name_fits
 from ..data.predictions.method import entry_of
 from ..errors import InputError
+from ..method import MethodInfo
 from ..registry import METHODS
+from . import given
 from .plan import make_method, method_entries
 from .progress import Steps, steps
 from .protocol import Protocol, Selected, resolve
 from .run import Outcome, run
+
+# Whoever draws elsewhere is told what any method is: [train] as a whole shows a subject's training frames too.
+_ANY = MethodInfo("elsewhere", "Elsewhere", "draws its pictures elsewhere", universal=True)
 
 
 def score(
@@ -54,18 +59,18 @@ def template(protocol: Protocol, folder: Path, data: Path | None = None, images:
     """
     with steps() as told:
         asked, selected, capture = _asked(protocol, data, told)
-        scored = {frame.key: frame for frames in selected.scored.values() for frame in frames}
-        observe = capture.observe if images else None
-        progress = told("images of training and enrolment")
-        write_template(folder, asked, scored.values(), selected.train, selected.enrol, observe, progress)
-    return len(scored)
+        training = given.training(selected, capture.observe)
+        enrolments = [given.enrolment(selected, _ANY, subject, capture.observe) for subject in protocol.subjects]
+        write_template(folder, asked, training, enrolments, images, told("images of training and enrolment"))
+    return len(asked.queries)
 
 
 def _asked(protocol: Protocol, data: Path | None, told: Steps) -> tuple[Asked, Selected, Capture]:
     capture = open_capture(protocol.capture, protocol.size, data, told)
     selected = resolve(protocol, capture.frames())
-    scored = (frame for frames in selected.scored.values() for frame in frames)
-    return Asked.of(protocol.label, protocol.digest, capture.digest, scored), selected, capture
+    scored = {frame.key: frame for frames in selected.scored.values() for frame in frames}
+    queries = [given.asked(selected, _ANY, frame) for frame in scored.values()]
+    return Asked.of(protocol.label, protocol.digest, capture.digest, queries), selected, capture
 
 
 def _calibration(protocol: Protocol) -> list[str]:

@@ -10,9 +10,13 @@ from handbench.bench import given
 from handbench.bench.check import check_method
 from handbench.bench.protocol import resolve
 from handbench.bench.run import run
+from handbench.bench.store import Store
 from handbench.errors import InputError
 from handbench.method import MethodInfo
 from handbench.scene import Unknown
+from handbench.studies.audit import pixels
+from handbench.studies.audit.evidence import Evidence
+from handbench.studies.speed import methods
 
 
 @pytest.fixture
@@ -152,8 +156,10 @@ def test_a_column_asks_for_the_light_as_enrolled(fakes, toy_protocol):
     query = given.asked(selected, MethodInfo("m", "M", "for tests"), frame)
     assert isinstance(query.light, Unknown) and query.lighting == given.AS_ENROLLED
     assert query.viewpoint.key == frame.viewpoint.key
-    looked_up = given.asked(selected, MethodInfo("m", "M", "for tests", timed=False), frame)
-    assert looked_up.key == frame.key
+    elsewhere = given.asked(selected, MethodInfo("m", "M", "for tests", timed=False), frame)
+    assert elsewhere.key == query.key and isinstance(elsewhere.light, Unknown)
+    truth = given.asked(selected, MethodInfo("m", "M", "for tests", role="calibration", truth=True), frame)
+    assert truth.key == frame.key
 
 
 @pytest.mark.parametrize(
@@ -178,6 +184,22 @@ def test_the_light_as_enrolled_is_drawn_by_methods_with_an_estimate_of_their_own
         told[cell["method"]["name"]] = cell["scores"][0]
     assert "Toy cannot draw unknown lights" in json.dumps(told["toy"])
     assert "unsupported" not in json.dumps(told["toy-estimates"])
+
+
+def test_an_audit_asks_for_the_light_as_enrolled_too(fakes, toy_protocol, tmp_path):
+    protocol, capture = _as_enrolled(toy_protocol), fakes.ToyCapture()
+    run(protocol, methods=["toy-estimates"], out=tmp_path)
+    store = Store(tmp_path)
+    plan = store.read_run()
+    cells = tuple(store.read_cell(path.stem) for path in tmp_path.glob("cells/*.json"))
+    holds, told = pixels.redrawn(Evidence(store, plan, cells, protocol, capture, lambda folder: None))
+    assert holds, told
+
+
+def test_the_speed_study_asks_what_the_protocol_tells(fakes, toy_protocol, monkeypatch):
+    enrol = {"segments": ["train"], "kinds": ["full"], "gives": ["image", "alpha", "pose", "camera", "light"]}
+    monkeypatch.setattr(methods, "protocol", lambda: toy_protocol(enrol=enrol))
+    assert methods.study("toy", quick=True)["reason"] == "the mesh is not given"
 
 
 def test_a_query_has_the_mesh_only_if_meshes_are_given(fakes, toy_protocol):

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 from flat import flat_cells
 
@@ -155,6 +156,65 @@ def test_the_template_asks_for_exactly_what_is_scored(protocol, tmp_path):
     }
     assert shown == {frame.key for frame in (*selected.train, *selected.enrol)} and not shown & scored
     assert (place / "asked" / "environments" / "0.exr").is_file()
+
+
+@pytest.fixture
+def strict(fakes, toy_protocol):
+    """A protocol that gives pictures, masks and poses, and asks for the light as enrolled."""
+    own = {"name": "own", "title": "Own", "subjects": "unseen", "segments": ["held-out"], "kinds": ["full"]}
+    group = {"name": "group", "title": "Group", "subjects": "unseen", "segments": ["held-out"], "kinds": ["group"]}
+    columns = [{**own, "shares": ["light"], "light": "as enrolled"}, {**group, "shares": ["light"]}]
+    enrol = {"segments": ["train"], "kinds": ["full"], "gives": ["image", "pose"]}
+    return toy_protocol(methods=["oracle"], column=columns, enrol=enrol)
+
+
+def test_the_template_tells_of_enrolment_what_it_gives_and_of_queries_what_a_method_is_told(strict, tmp_path):
+    template(strict, tmp_path / "new", images=True)
+    asked = json.loads((tmp_path / "new" / "asked" / "queries.json").read_text())
+    unseen = [row for row in asked["enrol"] if row["subject"] == "s02"]
+    assert unseen and {row["lighting"] for row in unseen} == {"light-0"}
+    for row in unseen:
+        assert asked["lights"][row["light"]] == {"type": "unknown", "name": "light-0"}
+        assert asked["cameras"][row["camera"]].keys() == {"name", "width", "height"}
+        assert asked["poses"][row["pose"]].keys() == {"name", "joints", "rotation", "translation"}
+        shown = OpenEXR.File(str(tmp_path / "new" / "asked" / "images" / f"{row['key']}.exr"), separate_channels=True)
+        assert set(shown.channels()) == {"R", "G", "B"}
+    assert not list((tmp_path / "new" / "asked" / "meshes").rglob("s02/*"))
+    lights = {row["key"]: asked["lights"][row["light"]]["type"] for row in asked["queries"]}
+    assert lights["s02/pose-2/front/as-enrolled"] == "unknown" and lights["s02/pose-2/front/group-0"] != "unknown"
+    for row in asked["queries"]:
+        assert "mesh" not in asked["poses"][row["pose"]] and "kind" not in row
+        assert len(asked["cameras"][row["camera"]]["K"]) == 3
+    told = (tmp_path / "new" / "asked" / "queries.json").read_text()
+    assert "s02/pose-0/front/full" not in told and "s02/pose-2/front/full" not in told
+
+
+def test_pictures_in_the_light_as_enrolled_are_scored(strict, tmp_path):
+    place = tmp_path / "theirs"
+    template(strict, place)
+    complete(place)
+    capture = CAPTURES.load("toy")(size="tiny")
+    for name, frames in resolve(strict, capture.frames()).scored.items():
+        for frame in frames:
+            seen = capture.observe(frame)
+            key = f"{frame.viewpoint.key}/as-enrolled" if name == "own" else frame.key
+            draw(place, key, seen.image, seen.alpha)
+    scores = rows(score(strict, place, tmp_path / "run").folder)["theirs"]
+    assert len(scores) == 4 and {each["value"] for each in scores} == {100.0}
+
+
+def test_meshes_without_uvs_are_written_once_and_beside_those_with_them(fakes, toy_protocol, tmp_path):
+    enrol = {"segments": ["train"], "kinds": ["full"], "gives": ["image", "alpha", "camera", "pose", "mesh", "light"]}
+    template(toy_protocol(methods=["oracle"], enrol=enrol), tmp_path / "new")
+    asked = json.loads((tmp_path / "new" / "asked" / "queries.json").read_text())
+    paths = {
+        name: {asked["poses"][row["pose"]]["mesh"] for row in asked[name]} for name in ("train", "enrol", "queries")
+    }
+    assert not paths["train"] & (paths["enrol"] | paths["queries"])
+    assert all("uvs" in np.load(tmp_path / "new" / path) for path in paths["train"])
+    assert not any("uvs" in np.load(tmp_path / "new" / path) for path in paths["enrol"] | paths["queries"])
+    meshes = list((tmp_path / "new" / "asked" / "meshes").rglob("*.npz"))
+    assert len(meshes) == len(paths["train"] | paths["enrol"] | paths["queries"])
 
 
 def test_the_renderer_of_the_document_draws_what_is_asked(protocol, tmp_path, monkeypatch):
@@ -445,7 +505,7 @@ def test_links_within_the_folder_are_fine_and_pipes_are_no_pictures(protocol, fo
 def test_a_query_cannot_lead_out_of_the_folder(protocol, folder):
     capture = CAPTURES.load("toy")(size="tiny")
     evil = replace(capture.frames()[0], subject="..")
-    asked = Asked.of(protocol.label, protocol.digest, capture.digest, [evil])
+    asked = Asked.of(protocol.label, protocol.digest, capture.digest, [evil.query])
     with pytest.raises(InputError, match="would lead out of"):
         read_folder(folder, asked)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import InputError
-from ...scene import Frame, Query
+from ...scene import Query
 from .manifest import MANIFEST, TIMES, Manifest, Times, read_manifest, read_times
 from .picture import Misfit, read_picture, what_is_not_finite
 from .problems import Problems, Unfit
@@ -26,9 +26,9 @@ class Asked:
     queries: Mapping[str, Query]
 
     @staticmethod
-    def of(protocol: str, protocol_digest: str, capture_digest: str, frames: Iterable[Frame]) -> Asked:
-        """From the protocol's name@version, the digests and the scored frames."""
-        return Asked(Manifest(protocol, protocol_digest, capture_digest), {frame.key: frame.query for frame in frames})
+    def of(protocol: str, protocol_digest: str, capture_digest: str, queries: Iterable[Query]) -> Asked:
+        """From the protocol's name@version, the digests and the queries as a method is asked them."""
+        return Asked(Manifest(protocol, protocol_digest, capture_digest), {query.key: query for query in queries})
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,22 @@
-"""What a protocol asks, as files: for software that is not handbench.
+"""What a protocol asks, as files: for software that is not handbench. They tell what a method here is told, no more.
 
 FOLDER/manifest.json                    to be completed by whoever draws the pictures
 FOLDER/asked/queries.json               every query, and the frames that training and enrolment may see
-FOLDER/asked/meshes/SUBJECT/POSE.npz    vertices, faces, uvs, uv_faces
+FOLDER/asked/meshes/SUBJECT/POSE.npz    vertices, faces, and uvs, uv_faces
 FOLDER/asked/environments/N.exr         radiance of the environments, equirectangular, row 0 = +y
 FOLDER/asked/images/….exr               with images: the recorded pictures of training and enrolment, never others
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, assert_never
 
@@ -22,7 +25,21 @@ import numpy as np
 from ...errors import InputError
 from ...files import writing
 from ...method import Progress, silent
-from ...scene import Camera, Directional, Environment, Frame, Group, Light, Mesh, Observation, Point, Unknown
+from ...recording import Recording
+from ...scene import (
+    Camera,
+    Directional,
+    Environment,
+    Frame,
+    Group,
+    Light,
+    Mesh,
+    Observation,
+    Point,
+    Query,
+    Uncalibrated,
+    Unknown,
+)
 from ..exr import rgb, write_exr
 from .folder import ASKED, Asked, picture_path
 from .manifest import MANIFEST
@@ -44,49 +61,66 @@ class _Tables:
     folder: Path
     cameras: list[dict[str, Any]] = field(default_factory=list)
     lights: list[dict[str, Any]] = field(default_factory=list)
-    poses: dict[str, dict[str, Any]] = field(default_factory=dict)
-    _numbers: dict[int, int] = field(default_factory=dict)
+    poses: list[dict[str, Any]] = field(default_factory=list)
+    _numbers: dict[tuple[int, ...], int] = field(default_factory=dict)
+    _rows: dict[str, int] = field(default_factory=dict)
+    _meshes: dict[str, str] = field(default_factory=dict)
     _environments: dict[int, str] = field(default_factory=dict)
+    _held: list[Any] = field(default_factory=list)  # what is known by its identity lives as long as that counts
 
-    def row(self, frame: Frame) -> dict[str, Any]:
-        """A frame as JSON values; what it refers to is entered."""
-        if frame.pose_key not in self.poses:
-            self.poses[frame.pose_key] = self._pose(frame)
+    def row(self, query: Query) -> dict[str, Any]:
+        """A query or a frame as JSON values; what it refers to is entered."""
+        shape = query.shape if isinstance(query, Frame) else None
         return {
-            "key": frame.key,
-            "subject": frame.subject,
-            "pose": frame.pose_key,
-            "lighting": frame.lighting,
-            "kind": frame.kind,
-            "camera": self._number(frame.camera, self.cameras, _camera),
-            "light": self._number(frame.light, self.lights, self._light),
+            "key": query.key,
+            "subject": query.subject,
+            "pose": self._number(self.poses, partial(self._pose, query), query.pose, query.mesh, shape),
+            "lighting": query.lighting,
+            **({"kind": query.kind} if isinstance(query, Frame) else {}),
+            "camera": self._number(self.cameras, partial(_camera, query.camera), query.camera),
+            "light": self._number(self.lights, partial(self._light, query.light), query.light),
         }
 
-    def _number(self, shared: Any, rows: list[dict[str, Any]], told: Callable[[Any], dict[str, Any]]) -> int:
-        if id(shared) not in self._numbers:
-            rows.append(told(shared))
-            self._numbers[id(shared)] = len(rows) - 1
-        return self._numbers[id(shared)]
+    def _number(self, rows: list[dict[str, Any]], tell: Callable[[], dict[str, Any]], *shared: Any) -> int:
+        """The number of the row that tells of some objects: equal ones have the same, whoever made them."""
+        objects = (id(rows), *map(id, shared))
+        if objects not in self._numbers:
+            told = tell()
+            content = f"{id(rows)} {json.dumps(told, sort_keys=True)}"
+            if content not in self._rows:
+                rows.append(told)
+                self._rows[content] = len(rows) - 1
+            self._numbers[objects] = self._rows[content]
+            self._held.append(shared)
+        return self._numbers[objects]
 
-    def _pose(self, frame: Frame) -> dict[str, Any]:
-        path = f"{ASKED}/meshes/{frame.pose_key}.npz"
-        told: dict[str, Any] = {}
-        if frame.mesh is not None:
-            self._mesh(path, frame.mesh)
-            told["mesh"] = path
-        if (pose := frame.pose) is not None:
+    def _pose(self, query: Query) -> dict[str, Any]:
+        told: dict[str, Any] = {"name": query.pose_key}
+        if query.mesh is not None:
+            told["mesh"] = self._mesh(query.pose_key, query.mesh)
+        if (pose := query.pose) is not None:
             values = {"joints": pose.joints, "rotation": pose.rotation, "translation": pose.translation}
             told |= {name: value.tolist() for name, value in values.items()}
+        if isinstance(query, Frame) and query.shape is not None:
+            told["shape"] = query.shape.tolist()
         return told
 
-    def _mesh(self, path: str, mesh: Mesh) -> None:
+    def _mesh(self, name: str, mesh: Mesh) -> str:
+        """The file of a mesh. Meshes of one pose that differ, as one without its UVs does, have a file each."""
         topology = mesh.topology
-        arrays: dict[str, Any] = {"vertices": mesh.vertices, "faces": topology.faces}
-        if topology.uvs is not None and topology.uv_faces is not None:
-            arrays |= {"uvs": topology.uvs, "uv_faces": topology.uv_faces}
-        place = self.folder / path
-        place.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(place, **arrays)
+        content = f"{topology.digest} {hashlib.sha256(mesh.vertices.tobytes()).hexdigest()}"
+        if content not in self._meshes:
+            taken = set(self._meshes.values())
+            names = chain([name], (f"{name}-{again}" for again in count(2)))
+            path = next(path for path in (f"{ASKED}/meshes/{each}.npz" for each in names) if path not in taken)
+            arrays: dict[str, Any] = {"vertices": mesh.vertices, "faces": topology.faces}
+            if topology.uvs is not None and topology.uv_faces is not None:
+                arrays |= {"uvs": topology.uvs, "uv_faces": topology.uv_faces}
+            place = self.folder / path
+            place.parent.mkdir(parents=True, exist_ok=True)
+            np.savez_compressed(place, **arrays)
+            self._meshes[content] = path
+        return self._meshes[content]
 
     def _light(self, light: Light) -> dict[str, Any]:
         match light:
@@ -117,15 +151,16 @@ class _Tables:
 def write_template(
     folder: Path,
     asked: Asked,
-    scored: Iterable[Frame],
-    train: Sequence[Frame],
-    enrol: Sequence[Frame],
-    observe: Callable[[Frame], Observation] | None = None,
+    training: Recording,
+    enrolments: Sequence[Recording],
+    images: bool = False,
     progress: Progress = silent,
 ) -> None:
-    """Write what is asked into a new folder, whole or not at all; `observe` gives the images of training and enrolment.
+    """Write what is asked into a new folder, whole or not at all; with `images`, those of training and enrolment too.
 
-    Raises `InputError` if the folder has something in it, `StorageError` if it cannot be written.
+    The recordings are what a method sees that trains, and that enrols each subject. A frame of one key in both is the
+    same, and its picture is training's. Raises `InputError` if the folder has something in it, `StorageError` if it
+    cannot be written.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} exists and is not empty; name a new folder")
@@ -134,11 +169,15 @@ def write_template(
         with writing(folder, "name another folder"):
             part.mkdir(parents=True)
             tables = _Tables(part)
-            rows = {name: [tables.row(f) for f in frames] for name, frames in (("train", train), ("enrol", enrol))}
-            shown = {frame.key: frame for frame in (*train, *enrol)} if observe else {}
-            for i, frame in enumerate(shown.values()):
-                _write_image(picture_path(part / ASKED / "images", frame.key), observe, frame)  # type: ignore[arg-type]
-                progress(i + 1, len(shown))
+            rows = {
+                "train": [tables.row(frame) for frame in training.frames],
+                "enrol": [tables.row(frame) for seen in enrolments for frame in seen.frames],
+            }
+            if images:
+                shown = {frame.key: (seen, frame) for seen in (*enrolments, training) for frame in seen.frames}
+                for i, (seen, frame) in enumerate(shown.values()):
+                    _write_image(picture_path(part / ASKED / "images", frame.key), seen.observe(frame))
+                    progress(i + 1, len(shown))
             queries = {
                 "conventions": _CONVENTIONS,
                 **{
@@ -146,8 +185,8 @@ def write_template(
                     for key, value in asked.manifest.content().items()
                     if key.endswith(("protocol", "digest"))
                 },
-                "images": f"{ASKED}/images" if observe else None,
-                "queries": [tables.row(frame) for frame in scored],
+                "images": f"{ASKED}/images" if images else None,
+                "queries": [tables.row(query) for query in asked.queries.values()],
                 **rows,
                 "cameras": tables.cameras,
                 "lights": tables.lights,
@@ -162,8 +201,7 @@ def write_template(
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _write_image(path: Path, observe: Callable[[Frame], Observation], frame: Frame) -> None:
-    observation = observe(frame)
+def _write_image(path: Path, observation: Observation) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     alpha = {} if observation.alpha is None else {"A": observation.alpha}
     write_exr(path, {**rgb(observation.image, dtype=np.float32), **alpha})
@@ -175,4 +213,6 @@ def _write_json(path: Path, content: dict[str, Any]) -> None:
 
 def _camera(camera: Camera) -> dict[str, Any]:
     size = {"name": camera.name, "width": camera.width, "height": camera.height}
+    if isinstance(camera, Uncalibrated):
+        return size
     return {**size, "K": camera.K.tolist(), "world_to_camera": camera.world_to_camera.tolist()}

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from ...bench import given
 from ...bench.isolation import isolated
 from ...bench.lending import answered
 from ...device import device_name
@@ -71,7 +72,7 @@ def _drawn(evidence: Evidence, cell: CellRecord, trouble: list[str]) -> dict[str
         method = METHODS.load(cell.method.name)(preset=cell.method.preset)
         prior = method.load(evidence.store.sound_state(cell.prior or ""))
         avatar = prior.personalise(bench.enrolment(cell.subject, method), cell.seed)
-        queries = {frame.key: frame.query for _, frame in bench.scored(cell.subject)}
+        queries = {f.key: given.asked(bench.selected, method.info, f) for _, f in bench.scored(cell.subject)}
         chosen = _spread(scored_queries(cell), _REDRAWN)
         drawn = {key: answered(avatar.relight(queries[key])) for key in chosen}
     try:

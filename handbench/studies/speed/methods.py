@@ -59,7 +59,8 @@ def study(name: str, quick: bool) -> dict[str, Any]:
         frame = _environment_frame(selected)
         prior = method.train(given.training(selected, capture.observe), seed=0)
         enrolment = given.enrolment(selected, method.info, frame.subject, capture.observe)
-        return {**found, "query": frame.key, "curves": _curves(prior, enrolment, frame.query, quick)}
+        query = given.asked(selected, method.info, frame)
+        return {**found, "query": frame.key, "curves": _curves(prior, enrolment, query, quick)}
     except (Exception, SystemExit) as error:  # a method's error is its own row's reason, not the study's end
         named = "" if isinstance(error, HandbenchError) else f"crashed, {type(error).__name__}: "
         return {**found, "curves": [], "reason": named + " ".join(str(error).split())}

@@ -96,7 +96,7 @@ def _of_method(name: str) -> Iterator[Case]:
 
 def _relit(name: str, change: Callable[[Query], Query]) -> Any:
     trained = trained_method(name)
-    return trained.draw(change(trained.frame.query))
+    return trained.draw(change(trained.query))
 
 
 def _drawn_or_refused() -> Expected:
@@ -150,7 +150,7 @@ def _touching(query: Query) -> Query:
 def _proportional(name: str, factor: float) -> Any:
     """A linear method's answer grows as the light does; of another one it is only asked that it answers."""
     trained = trained_method(name)
-    query = trained.frame.query
+    query = trained.query
     scaled = trained.draw(_under(query.light.scaled(factor), query))
     if not trained.method.info.linear:
         return Compared(scaled, (scaled.image, scaled.alpha))
@@ -160,7 +160,7 @@ def _proportional(name: str, factor: float) -> Any:
 def _dark(name: str) -> Any:
     """A linear method draws no light as black."""
     trained = trained_method(name)
-    drawn = trained.draw(_under(Environment("black", np.zeros((16, 32, 3))), trained.frame.query))
+    drawn = trained.draw(_under(Environment("black", np.zeros((16, 32, 3))), trained.query))
     image = drawn.image if trained.method.info.linear else np.zeros_like(drawn.image) * drawn.image
     return Compared(image, np.zeros_like(drawn.image))
 
@@ -213,7 +213,7 @@ def _bent(query: Query, factor: float) -> Query:
 def _shifted(name: str, distance: float) -> Any:
     """The hand and its camera moved together under a distant light."""
     trained = trained_method(name)
-    query = _under(_strong(1.0), trained.frame.query)
+    query = _under(_strong(1.0), trained.query)
     shift = np.array([0.6, 0.0, 0.8]) * distance
     matrix = query.camera.world_to_camera
     rotation = matrix[:, :3]
@@ -225,7 +225,7 @@ def _shifted(name: str, distance: float) -> Any:
 
 def _out_of_picture(name: str) -> Any:
     trained = trained_method(name)
-    query = trained.frame.query
+    query = trained.query
     eye = query.camera.centre
     beside = camera(eye, eye + (eye - _mesh(query).vertices.mean(axis=0)), 48)
     drawn = trained.draw(replace(query, camera=beside, lighting="stress"))
@@ -238,7 +238,7 @@ def _out_of_picture(name: str) -> Any:
 def _trained_on_nothing(name: str) -> Any:
     trained = trained_method(name)
     prior = trained.method.train(Recording((), trained.capture.observe), seed=0)
-    return trained.draw(trained.frame.query, prior.personalise(trained.enrolment, seed=0))
+    return trained.draw(trained.query, prior.personalise(trained.enrolment, seed=0))
 
 
 def _enrolled(name: str, change: Callable[[Observation], Observation | None]) -> Any:
@@ -247,7 +247,7 @@ def _enrolled(name: str, change: Callable[[Observation], Observation | None]) ->
     known = {frame.key: change(trained.enrolment.observe(frame)) for frame in trained.enrolment.frames}
     frames = [frame for frame in trained.enrolment.frames if known[frame.key] is not None]
     changed = Recording(frames, lambda frame: known[frame.key])  # type: ignore[arg-type, return-value]
-    return trained.draw(trained.frame.query, trained.prior.personalise(changed, seed=0))
+    return trained.draw(trained.query, trained.prior.personalise(changed, seed=0))
 
 
 def _no_hand(seen: Observation) -> Observation:

@@ -20,19 +20,19 @@ from ...errors import InputError, Unsupported
 from ...method import Avatar, Method, Prior
 from ...recording import Recording
 from ...registry import CAPTURES, METHODS, PROTOCOLS
-from ...scene import Frame, Query
+from ...scene import Query
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A method trained once, an avatar, and a frame to ask for."""
+    """A method trained once, an avatar, and a query to ask it."""
 
     method: Method
     capture: Capture
     prior: Prior
     enrolment: Recording
     avatar: Avatar
-    frame: Frame
+    query: Query
 
     def draw(self, query: Query, avatar: Avatar | None = None) -> Any:
         if refusal := light_refusal(self.method.info, query.light):
@@ -76,7 +76,8 @@ def _train(name: str) -> Trained:
     prior = method.train(given.training(selected, capture.observe), seed=0)
     frame = next(f for frames in selected.scored.values() for f in frames if f.kind == "olat")
     enrolment = given.enrolment(selected, method.info, frame.subject, capture.observe)
-    return Trained(method, capture, prior, enrolment, prior.personalise(enrolment, seed=0), frame)
+    query = given.asked(selected, method.info, frame)
+    return Trained(method, capture, prior, enrolment, prior.personalise(enrolment, seed=0), query)
 
 
 def _saved(name: str, folder: Path) -> Trained:
@@ -108,7 +109,7 @@ def poisoned(name: str, value: float, everywhere: bool) -> Any:
         count = sum(poison(module.parameters()) for module in modules)
     if not count:
         raise LookupError("neither the saved prior nor the avatar holds weights")
-    return trained.draw(trained.frame.query, avatar)
+    return trained.draw(trained.query, avatar)
 
 
 def _rewritten(file: Path, change: Callable[[Iterable[Tensor]], int]) -> int:
@@ -133,6 +134,4 @@ def damaged(name: str, damage: Callable[[bytes], bytes] | None) -> Any:
                 file.unlink()
             else:
                 file.write_bytes(damage(file.read_bytes()))
-        return trained.draw(
-            trained.frame.query, trained.method.load(Path(place)).personalise(trained.enrolment, seed=0)
-        )
+        return trained.draw(trained.query, trained.method.load(Path(place)).personalise(trained.enrolment, seed=0))
