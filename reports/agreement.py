@@ -10,7 +10,7 @@ from typing import Any
 from handbench.results.statistics import differences
 from handbench.results.values import Values
 
-from .model import Agreement, Column, Pair, Row, number
+from .model import UNEQUAL, Agreement, Column, Pair, Row, number
 
 LEAST = 3  # methods whose order is compared: two agree or not by chance
 
@@ -57,6 +57,8 @@ def headline(agreement: Agreement) -> str:
     column, inverted = agreement.column, len(agreement.inversions)
     pairs = f"{inverted} of {len(agreement.pairs)} pairs inverted" if inverted else "no pair inverted"
     over = f"Kendall τ {number(agreement.tau, 2)} over {len(agreement.methods)} methods, {pairs}"
+    if unequal := sum(pair.unequal for pair in agreement.pairs):
+        over += f"; {unequal} pairs across unequal enrolment {UNEQUAL}"
     return f"{column.group.title}, {column.metric.title}: {over}"
 
 
@@ -68,7 +70,8 @@ def sentence(pair: Pair, column: Column) -> str:
     def amount(value: float) -> str:
         return f"{number(abs(value), digits)} {metric.unit}".strip()
 
-    text = f"{pair.first} over {pair.second}: published ahead by {amount(pair.published)}, "
+    both = f"{pair.first} over {pair.second}{f' {UNEQUAL}' if pair.unequal else ''}"
+    text = f"{both}: published ahead by {amount(pair.published)}, "
     text += f"measured behind by {amount(pair.measured)}"
     if pair.low is None or pair.high is None:
         return text
@@ -101,5 +104,7 @@ def _pairs(column: Column, metric: int, both: list[tuple[Row, Values]], told: li
     ):
         if apart:
             published = better * (told[i] - told[j])
-            titles = both[i][0].title, both[j][0].title
-            yield Pair(*titles, published, apart.value, apart.low, apart.high, apart.spread)
+            first, second = both[i][0], both[j][0]
+            unequal = first.enrolment != second.enrolment
+            found = (apart.value, apart.low, apart.high, apart.spread)
+            yield Pair(first.title, second.title, published, *found, unequal)

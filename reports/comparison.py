@@ -17,7 +17,7 @@ from handbench.results.statistics import CONFIDENCE, Difference, aggregate, corr
 from handbench.results.values import Values, values_of
 
 from .build import shown_metric
-from .model import Group, Metric, letter, number
+from .model import UNEQUAL, UNEQUAL_NOTE, Group, Metric, letter, number
 from .terminal import difference_text
 
 
@@ -25,7 +25,8 @@ from .terminal import difference_text
 class Line:
     """A method in one column and metric: the first run's value, and each other run's value and difference to it.
 
-    None: the run has no value, or no frame in common.
+    None: the run has no value, or no frame in common. `across` marks the runs whose enrolment gave it something else
+    than the first run's, which is `enrolment`.
     """
 
     method: str
@@ -33,6 +34,8 @@ class Line:
     metric: Metric
     value: float | None
     others: tuple[tuple[float | None, Difference | None], ...]
+    enrolment: str = ""
+    across: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -61,23 +64,30 @@ def compare(*folders: Path) -> Comparison:
         raise InputError(f"no method is in {folders[0]} and in another of these runs; 'report' shows them in one table")
     # Each run by itself: what another folder computed must not stand in for what this one lacks.
     values = [values_of(run) for run in runs]
-    lines = tuple(_lines(runs[0], shared, values))
+    lines = tuple(_lines(runs, shared, values))
     everywhere = set.intersection(*map(set, names))
     alone = tuple(dict.fromkeys(name for of_run in names for name in of_run if name not in everywhere))
     title = f"{runs[0].plan.protocol.title} ({runs[0].protocol})"
     return Comparison(title, tuple(str(run.folder) for run in runs), lines, alone)
 
 
-def _lines(first: Run, shared: Sequence[str], values: Sequence[dict[tuple[str, str], Values]]) -> Iterator[Line]:
-    protocol = first.plan.protocol
-    titles = {method.name: method.title for method in first.plan.methods}
+def _lines(
+    runs: Sequence[Run], shared: Sequence[str], values: Sequence[dict[tuple[str, str], Values]]
+) -> Iterator[Line]:
+    protocol = runs[0].plan.protocol
+    first, *others_of = ({method.name: method for method in run.plan.methods} for run in runs)
+    across = {
+        name: tuple(name in of_run and of_run[name].enrolled_unlike(first[name]) for of_run in others_of)
+        for name in shared
+    }
     for group in (Group(column.name, column.title) for column in protocol.columns):
         for place, metric in enumerate(map(shown_metric, protocol.metrics)):
             mine = {name: values[0][name, group.name] for name in shared}
             others = [_beside(mine, of_run, group, place) for of_run in values[1:]]
             for name, of_first in mine.items():
                 value = aggregate(of_first.values[place], of_first.subjects)
-                yield Line(titles[name], group, metric, value, tuple(found[name] for found in others))
+                told = first[name].enrolment, across[name]
+                yield Line(first[name].title, group, metric, value, tuple(found[name] for found in others), *told)
 
 
 def _beside(
@@ -119,6 +129,7 @@ def _grid(group: Group, metric: Metric, lines: Sequence[Line]) -> RichTable:
         padding=(0, 2, 0, 0),
     )
     grid.add_column("", no_wrap=True)
+    grid.add_column("enrolment", style="dim", overflow="fold")
     grid.add_column("A", justify="right")
     for i in range(len(lines[0].others)):
         name = letter(i + 2).upper()
@@ -126,9 +137,10 @@ def _grid(group: Group, metric: Metric, lines: Sequence[Line]) -> RichTable:
         grid.add_column(f"{name} − A", justify="right", overflow="fold")
     for line in lines:
         cells = [Text(number(line.value, metric.decimals))]
-        for value, apart in line.others:
-            cells += [Text(number(value, metric.decimals)), difference_text(apart, metric)]
-        grid.add_row(Text(line.method), *cells)
+        for (value, apart), across in zip(line.others, line.across, strict=True):
+            told = difference_text(apart, metric)
+            cells += [Text(number(value, metric.decimals)), told.append(UNEQUAL) if across and apart else told]
+        grid.add_row(Text(line.method), Text(line.enrolment), *cells)
     return grid
 
 
@@ -144,5 +156,7 @@ def _remarks(comparison: Comparison) -> Iterator[str]:
             f"Too few subjects to claim a difference for other hands: with {subjects} p cannot fall below "
             f"{least_p(subjects):.2g}; intervals there tell of these hands and their frames."
         )
+    if any(any(line.across) for line in comparison.lines):
+        yield UNEQUAL_NOTE
     if comparison.alone:
         yield f"Not in every run: {', '.join(comparison.alone)}."

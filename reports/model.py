@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from handbench.results.record import UNEQUAL as UNEQUAL
 from handbench.results.statistics import Difference
 
 COST_TITLES = ("train s", "personalise s", "new pose ms", "known pose, new light ms", "min–max", "non-linearity")
@@ -18,8 +19,7 @@ LIGHT_TITLES = {  # of frame kinds, from the light that costs most to the one th
     "olat": "a single light",
 }
 Kind = Literal["method", "calibration", "published"]
-UNEQUAL = "≠"
-UNEQUAL_NOTE = f"{UNEQUAL}: best or second among, or different from, rows to which enrolment gave something else"
+UNEQUAL_NOTE = f"{UNEQUAL}: compared with rows to which enrolment gave something else"
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,8 @@ class Pair:
 
     Differences are how far `first` is ahead of `second`, whichever way the metric is better; low and high are the
     95 % interval of the measured one over subjects and frames, paired by frame and seed, None with fewer than two
-    frames; spread is its standard deviation over seeds, None with fewer than two.
+    frames; spread is its standard deviation over seeds, None with fewer than two. unequal: enrolment gave the two, as
+    they were measured, different things.
     """
 
     first: str
@@ -157,6 +158,7 @@ class Pair:
     low: float | None
     high: float | None
     spread: float | None
+    unequal: bool = False
 
     @property
     def inverted(self) -> bool:
@@ -206,7 +208,9 @@ class Table:
     @property
     def unequal(self) -> bool:
         """Whether something is compared across unequal enrolment."""
-        return any(cell.unequal or cell.across for row in self.rows for cell in row.cells)
+        pairs = (pair for agreement in self.agreements for pair in agreement.pairs)
+        cells = (cell for row in self.rows for cell in row.cells)
+        return any(pair.unequal for pair in pairs) or any(cell.unequal or cell.across for cell in cells)
 
     @property
     def compared(self) -> tuple[Row, ...]:

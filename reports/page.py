@@ -26,7 +26,7 @@ from .model import (
     scientific,
     three_digits,
 )
-from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, clock, draw, told
+from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, clock, draw, enrolments, told
 from .pictures import colour_stops, error_uri, image_uri, png_uri
 from .run import Run, machine
 from .speed import speed_section
@@ -67,6 +67,7 @@ def render_page(table: Table, run: Run, shown: Shown) -> str:
         sentence=sentence,
     )
     page.globals.update(draw=draw, told=told, clock=clock, times=TIMES, frame=FRAME, width=WIDTH, height=HEIGHT)
+    page.globals.update(enrolments=enrolments)
     studies = {"speed": speed_section(run.folder), "stress": stress_section(run.folder)}
     panels = groupby(shown.panels, key=lambda panel: panel.kind)
     return page.get_template("page.html").render(

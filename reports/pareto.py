@@ -2,18 +2,19 @@
 
 A plot is laid out once, in units of its own box with y downwards, and drawn twice: as SVG in the page
 (`templates/pareto.html`) and as PNG and PDF (`pareto_figures`). Better is always up and faster always left. The front
-is made of the measured methods with complete coverage that no other one beats in both.
+is made of the measured methods with complete coverage that no other one beats in both; its points are marked where
+enrolment gave methods of the plot different things.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from .model import Group, Metric, Row, Table, number
+from .model import UNEQUAL, Group, Metric, Row, Table, number
 from .places import Box, Label, placed, width
 
 METRICS = 3  # the first of a protocol's metrics are drawn
@@ -32,12 +33,26 @@ Kind = Literal["front", "beaten", "gap", "calibration"]
 
 @dataclass(frozen=True)
 class Point:
-    """A row of the table with a time. kind "gap": its score misses frames, so it cannot be on the front."""
+    """A row of the table with a time. kind "gap": its score misses frames, so it cannot be on the front.
+
+    `unequal`: it is on the front among methods to which enrolment gave something else.
+    """
 
     title: str
     seconds: float
     score: float
     kind: Kind
+    enrolment: str = ""
+    unequal: bool = False
+
+    @property
+    def label(self) -> str:
+        return f"{self.title} {UNEQUAL}" if self.unequal else self.title
+
+    @property
+    def name(self) -> str:
+        """The title with what enrolment gave."""
+        return f"{self.label} ({self.enrolment})" if self.enrolment else self.label
 
 
 @dataclass(frozen=True)
@@ -114,7 +129,7 @@ def draw(plot: Plot) -> Drawing:
 
     spots = [(x(point.seconds), y(point.score)) for point in plot.points]
     corners = tuple(_corners([(x(point.seconds), y(point.score)) for point in plot.front]))
-    labels = placed([point.title for point in plot.points], spots, corners, FRAME)
+    labels = placed([point.label for point in plot.points], spots, corners, FRAME)
     marks = tuple((point, *spot, label) for point, spot, label in zip(plot.points, spots, labels, strict=True))
     x_ticks = tuple((x(value), clock(value)) for value in _times(10**first, 10**last))
     y_ticks = tuple((y(value), text) for value, text in _ticks(low, high))
@@ -126,8 +141,16 @@ def told(plot: Plot) -> str:
     parts = []
     for point in plot.points:
         score = f"{number(point.score, plot.metric.decimals)} {plot.metric.unit}".strip()
-        parts.append(f"{point.title}: {clock(point.seconds)}, {score}{_WORDS[point.kind]}")
+        parts.append(f"{point.name}: {clock(point.seconds)}, {score}{_WORDS[point.kind]}")
     return "; ".join(parts) + "."
+
+
+def enrolments(found: Sequence[Plot]) -> str:
+    """What enrolment gave the methods of plots: "fully lit views (Phong, URHand); one picture (HARP)"."""
+    titles: dict[str, dict[str, None]] = {}
+    for point in (point for plot in found for point in plot.points if point.kind != "calibration"):
+        titles.setdefault(point.enrolment or "not told", {})[point.title] = None
+    return "; ".join(f"{enrolment} ({', '.join(each)})" for enrolment, each in titles.items())
 
 
 def clock(value: float) -> str:
@@ -152,17 +175,18 @@ def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
             left_out.append(f"{row.title}: no time")
         else:
             kind: Kind = "calibration" if row.kind == "calibration" else "beaten" if cell.complete else "gap"
-            points.append(Point(row.title, cost, cell.value, kind))
+            points.append(Point(row.title, cost, cell.value, kind, row.enrolment))
     points, far = _in_sight(points)
     for point in far:
         place = f"{number(point.score, metric.decimals)} {metric.unit}".strip()
         left_out.append(f"{point.title}: off the scale at {clock(point.seconds)}, {place}")
+    mixed = len({point.enrolment for point in points if point.kind != "calibration"}) > 1
     ordered: list[Point] = []
     best = -math.inf
     for point in sorted(points, key=lambda p: (p.seconds, -better * p.score, p.title)):
         if point.kind == "beaten" and better * point.score > best:
             best = better * point.score
-            point = Point(point.title, point.seconds, point.score, "front")
+            point = replace(point, kind="front", unequal=mixed)
         ordered.append(point)
     return Plot(group, metric, time, tuple(ordered), tuple(left_out))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import groupby
+from textwrap import wrap
 from typing import Any
 
 from matplotlib import rc_context
@@ -11,13 +12,15 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw
+from .model import UNEQUAL_NOTE
+from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments
 from .pictures import STYLE, saved
 
 _SCALE = 105.0  # units of a drawing in an inch
 _COLUMNS = 4
 _INK, _SOFT, _LINE, _FRONT = "#1d1c1a", "#6a665f", "#dcd7cf", "#9a4a22"
 _TITLE, _HEAD = 22, -11  # the space above a drawing, and the middle of the line in it
+_LINE_HEIGHT, _LETTER = 13, 5.6  # of the note below all drawings
 _MARKS: dict[str, Any] = {
     "front": {"marker": "o", "mfc": _FRONT, "mec": _FRONT},
     "beaten": {"marker": "o", "mfc": "white", "mec": _INK},
@@ -36,13 +39,26 @@ def pareto_figures(found: Sequence[Plot]) -> Iterator[tuple[str, dict[str, bytes
 def _figure(found: Sequence[Plot]) -> dict[str, bytes]:
     columns = min(_COLUMNS, len(found))
     rows = -(-len(found) // columns)
+    width, note = columns * WIDTH, _note(found)
+    lines = wrap(note, int(width / _LETTER))
+    height = rows * (HEIGHT + _TITLE) + (len(lines) + 1) * _LINE_HEIGHT * bool(lines)
     with rc_context(STYLE):
-        figure = Figure(figsize=(columns * WIDTH / _SCALE, rows * (HEIGHT + _TITLE) / _SCALE))
+        figure = Figure(figsize=(width / _SCALE, height / _SCALE))
         for index, plot in enumerate(found):
             row, column = divmod(index, columns)
-            place = (column / columns, 1 - (row + 1) / rows, 1 / columns, 1 / rows)
-            _panel(figure.add_axes(place), plot)
+            panel = (HEIGHT + _TITLE) / height
+            _panel(figure.add_axes((column / columns, 1 - (row + 1) * panel, 1 / columns, panel)), plot)
+        for line, text in enumerate(reversed(lines)):
+            place = (FRAME.left / width, (line * _LINE_HEIGHT + 4) / height)
+            figure.text(*place, text, color=_SOFT, parse_math=False)
         return saved(figure)
+
+
+def _note(found: Sequence[Plot]) -> str:
+    """What the mark of unequal enrolment means, where a plot has it."""
+    if not any(point.unequal for plot in found for point in plot.points):
+        return ""
+    return f"{UNEQUAL_NOTE}: {enrolments(found)}"
 
 
 def _panel(axes: Axes, plot: Plot) -> None:

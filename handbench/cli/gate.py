@@ -101,13 +101,15 @@ def _table(title: str, checks: Iterable[Check]) -> Table:
     from rich.table import Table
     from rich.text import Text
 
+    from ..results.record import UNEQUAL
+
     table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0), header_style="dim")
     for name in ("method", "metric"):
         table.add_column(name, overflow="fold")
     for name in ("baseline", "candidate", "worse by", "allowed", "verdict"):
         table.add_column(name, justify="left" if name == "verdict" else "right", no_wrap=True)
     for check in checks:
-        cells = (check.method, check.metric, *_numbers(check))
+        cells = (check.method + UNEQUAL * check.unequal, check.metric, *_numbers(check))
         table.add_row(*map(Text, cells), Text(check.verdict, style=_STYLES[check.verdict]))
     return table
 

@@ -7,7 +7,7 @@ compared is said, never guessed: another protocol, other data or seeds, another 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from itertools import product
 from statistics import median
@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import InputError, unknown_name
 from ..scene import FRAME_KINDS
 from .reading import Run, mismatch
-from .record import CellRecord, Device, MetricRecord, Spread
+from .record import UNEQUAL, CellRecord, Device, MetricRecord, Spread
 from .statistics import aggregate, differences, time_ratio
 from .values import Values, values_of
 
@@ -53,7 +53,7 @@ class Quality:
 class Check:
     """One comparison. `worse` is how far the candidate is on the wrong side, with its interval, in the unit of
     `allowed`; for times the factor minus one. verdict: "regression", "worse" (beyond noise but allowed, or too much
-    but within noise), "same" or "better"."""
+    but within noise), "same" or "better". unequal: enrolment gave the candidate something else than the baseline."""
 
     method: str
     column: str
@@ -66,6 +66,7 @@ class Check:
     allowed: float
     verdict: str
     kind: str
+    unequal: bool = False
 
 
 @dataclass(frozen=True)
@@ -133,6 +134,8 @@ def gate(
             remarks.append(f"Times are not compared, the devices differ: {why}.")
         else:
             checks += _times(new, old, chosen, time)
+    unequal = {name for name in chosen if new.run.plan.method(name).enrolled_unlike(old.run.plan.method(name))}
+    checks = [replace(check, unequal=check.method in unequal) for check in checks]
     bad = any(check.verdict == "regression" for check in checks)
     return Outcome(Verdict.REGRESSION if bad else Verdict.PASS, tuple(checks), remarks=tuple(remarks))
 
@@ -263,5 +266,8 @@ def _remarks(new: _Side, old: _Side, methods: Sequence[str]) -> Iterator[str]:
         presets = [side.run.plan.method(method).preset for side in (new, old)]
         if presets[0] != presets[1]:
             yield f"{method} has another preset: {presets[0]!r}, the baseline {presets[1]!r}."
+        ours, theirs = (side.run.plan.method(method) for side in (new, old))
+        if ours.enrolled_unlike(theirs):
+            yield f"{UNEQUAL} Enrolment gave {method} {ours.enrolment!r}, the baseline {theirs.enrolment!r}."
     if more := [name for name in new.names if name not in old.names]:
         yield f"Not in the baseline, so not compared: {', '.join(more)}."

@@ -42,7 +42,7 @@ _RUNS = {
 }
 _METHODS = {
     "method": "name",
-    **{name: name for name in ("title", "fidelity", "preset", "universal", "linear", "truth", "config")},
+    **{name: name for name in ("title", "fidelity", "enrolment", "preset", "universal", "linear", "truth", "config")},
 }
 _CELLS = {
     "method": "method.name",

@@ -31,6 +31,10 @@ Value = Annotated[float, Rule("from -1e100 to 1e100", lambda value: -1e100 <= va
 Decimals = Annotated[int, Rule("from 0 to 12", lambda value: 0 <= value <= 12)]
 
 
+UNEQUAL = "≠"
+"""The mark of a comparison of rows to which enrolment gave different things."""
+
+
 @dataclass(frozen=True, slots=True)
 class Git:
     """The checkout that code came from."""
@@ -98,6 +102,10 @@ class MethodRecord:
     def calibration(self) -> bool:
         """Whether its row tells if the run is right, and competes with none."""
         return self.role == "calibration"
+
+    def enrolled_unlike(self, other: MethodRecord) -> bool:
+        """Whether enrolment gave it something else than another; runs of before it was told leave that open."""
+        return bool(self.enrolment and other.enrolment) and self.enrolment != other.enrolment
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 from handbench.cli import main
 from handbench.errors import InputError
 from handbench.results.gate import Check, Outcome, Quality, Verdict, gate
-from handbench.results.reading import read_run
+from handbench.results.reading import Run, read_run
 
 sys.path.append(str(Path(__file__).parent / "fakes"))
 from runfakes import CPU, plain, write_run
@@ -212,3 +213,18 @@ def test_the_verb(baseline: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
     with pytest.raises(SystemExit) as stop:
         main(["gate", worse, *against, "--quality", "0.1"])
     assert stop.value.code == 2 and "'0.1' is no threshold; give a share (1%) or an amount" in capsys.readouterr().err
+
+
+def test_unequal_enrolment_is_marked(baseline: Path) -> None:
+    def told(enrolment: str) -> Run:
+        run = read_run(baseline)
+        methods = tuple(
+            replace(method, enrolment=enrolment if method.name == "good" else "one picture")
+            for method in run.plan.methods
+        )
+        return replace(run, plan=replace(run.plan, methods=methods))
+
+    outcome = gate(told("single lights"), told("one picture"), Quality(0.01), 0.1)
+    assert {check.method for check in outcome.checks if check.unequal} == {"good"}
+    assert outcome.remarks == ("≠ Enrolment gave good 'single lights', the baseline 'one picture'.",)
+    assert not any(check.unequal for check in gate(told("one picture"), told(""), Quality(0.01), 0.1).checks)

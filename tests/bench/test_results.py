@@ -58,6 +58,7 @@ def test_cells_methods_and_runs(folder: Path) -> None:
         folder,
     )
     assert cells.rows == [(18, 1e-7, 4.2, "Example CPU", "")]
+    assert _ask("SELECT DISTINCT enrolment FROM methods", folder).rows == [("",)]  # a run of before it was told
     methods = _ask("SELECT method, title, truth, preset, config->>'texture' FROM methods", folder)
     assert methods.rows[0] == ("oracle", "Oracle", True, "quick", "64")
     assert _ask("SELECT protocol, version, dirty, capture FROM runs", folder).rows == [("toy", 1, False, "openstage")]

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,9 @@ from rich.console import Console
 
 from handbench.reports import render_csv, render_latex, render_markdown, render_terminal, table, write_reports
 from handbench.reports.agreement import headline, sentence, tau_b
+from handbench.reports.build import build
 from handbench.reports.model import Agreement, Table
+from handbench.results.reading import read_run
 
 SetScores = Callable[..., None]
 NOTE = "The paper does not say which network its LPIPS uses."
@@ -156,7 +159,10 @@ def test_published_rows_stand_in_every_format_and_win_nowhere(three: Path) -> No
     for name, text in texts.items():
         assert "(published)" in text and NOTE in text and "16.65" in text, name
         assert "not ranked with them" in " ".join(text.split()) and "A paper, Table 1" in text, name
-    assert r"Urhand \textdagger{} (published) & " in texts["latex"] and r"\textbf{27.77}" not in texts["latex"]
+    assert (
+        r"Urhand \textdagger{} (published)\,{\tiny not told} & " in texts["latex"]
+        and r"\textbf{27.77}" not in texts["latex"]
+    )
     assert "Urhand † (published)" in texts["terminal"] and "Handy & GGX * (published)" in texts["terminal"]
     assert "Urhand † (published)" in texts["markdown"] and r"Handy & GGX \* (published)" in texts["markdown"]
     assert '<tr class="published">' in page and "Urhand †<small>published</small>" in page and NOTE in page
@@ -184,3 +190,19 @@ def test_a_run_without_published_numbers_says_nothing_of_them(whole_run: Path) -
     assert result.remarks == () and result.agreements == ()
     assert "published" not in render_latex(result)
     assert "agreement.json" not in write_reports(whole_run)
+
+
+def test_pairs_across_unequal_enrolment_are_marked(three: Path) -> None:
+    run = read_run(three)
+    methods = tuple(
+        replace(method, enrolment="one picture" if method.name == "urhand" else "single lights")
+        for method in run.plan.methods
+    )
+    made = build(replace(run, plan=replace(run.plan, methods=methods)))
+    agreement = made.agreements[0]
+    marked = [{pair.first, pair.second} for pair in agreement.pairs if pair.unequal]
+    assert len(marked) == 2 and all("URHand" in pair for pair in marked)
+    assert headline(agreement).endswith("; 2 pairs across unequal enrolment ≠") and made.unequal
+    assert all(("≠" in sentence(pair, agreement.column)) == pair.unequal for pair in agreement.pairs)
+    assert {row.enrolment for row in made.rows if row.kind == "published"} == {"not told"}
+    assert not any("≠" in headline(each) for each in table(three).agreements)

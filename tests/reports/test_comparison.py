@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import sys
 from pathlib import Path
 
@@ -79,3 +80,17 @@ def test_what_cannot_be_compared_is_one_sentence(
     assert main(["compare", str(runs[0])]) == 2 and main(["compare", str(runs[0]), str(tmp_path / "nowhere")]) == 2
     err = capsys.readouterr().err.splitlines()
     assert len(err) == 2 and "nothing to compare" in err[0] and "holds no readable run.json" in err[1]
+
+
+def test_unequal_enrolment_is_marked(runs: list[Path]) -> None:
+    for folder, label in zip(runs, ("single lights", "one picture", ""), strict=True):
+        plan = json.loads((folder / "run.json").read_text())
+        for method in plan["methods"]:
+            method["enrolment"] = label
+        (folder / "run.json").write_text(json.dumps(plan))
+    found = compare(*runs)
+    assert {line.across for line in found.lines} == {(True, False)}  # the third does not tell
+    out = io.StringIO()
+    Console(file=out, width=140).print(render_comparison(found))
+    assert "single lights" in out.getvalue() and "p 0.062≠" in out.getvalue()
+    assert "≠: compared with rows to which enrolment gave something else" in out.getvalue()

@@ -12,6 +12,9 @@ from rich.console import Console
 from handbench.reports import render_terminal
 from handbench.reports.build import build
 from handbench.reports.latex import render_latex
+from handbench.reports.page import Shown, render_page
+from handbench.reports.pareto import draw, enrolments, plots, told
+from handbench.reports.pareto_figures import pareto_figures
 from handbench.reports.text import render_csv, render_markdown
 from handbench.results.reading import read_run
 
@@ -56,3 +59,27 @@ def test_equal_enrolment_has_no_mark(enrolled):
     assert not table.unequal or all(cell.across for cell in table.rows[0].cells)
     for row in table.rows[1:]:
         assert not any(cell.unequal or cell.across for cell in row.cells)
+
+
+def test_fronts_are_marked_where_enrolment_differs(enrolled):
+    for plot in plots(enrolled(urhand="one picture")):
+        assert all(point.unequal == (point.kind == "front") for point in plot.points)
+        assert "URHand ≠ (one picture)" in told(plot) or "URHand" not in {p.title for p in plot.front}
+        assert "one picture (URHand)" in enrolments([plot]) and "Phong" in enrolments([plot])
+        assert {mark.text for *_, mark in draw(plot).marks if "≠" in mark.text} == {f"{p.title} ≠" for p in plot.front}
+    equal = plots(enrolled(oracle="the truth"))
+    assert equal and not any(point.unequal for plot in equal for point in plot.points)
+
+
+def test_a_figure_of_the_front_says_what_the_mark_means(enrolled):
+    found = [plot for plot in plots(enrolled(urhand="one picture")) if plot.time == "known"]
+    (_, files), *_ = pareto_figures(found)
+    (_, plain), *_ = pareto_figures([plot for plot in plots(enrolled()) if plot.time == "known"])
+    heights = [int.from_bytes(each["png"][20:24], "big") for each in (files, plain)]
+    assert heights[0] > heights[1], "a line below the drawings"
+
+
+def test_the_page_says_what_enrolment_gave_the_points(enrolled, whole_run):
+    table = enrolled(urhand="one picture")
+    page = render_page(table, read_run(whole_run), Shown((), (), plots(table)))
+    assert "URHand ≠ (one picture)" in page and "Enrolment gave: " in page
