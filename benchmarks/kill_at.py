@@ -26,7 +26,7 @@ import handbench.methods.kit.checkpoint as checkpoint
 import handbench.methods.kit.engine as engine
 import handbench.reports.write as write
 from handbench.cli import main
-from handbench.data.openstage.capture import OpenStage
+from handbench.data.openstage.capture import OpenCapture
 
 Strike: TypeAlias = Callable[[int], None]
 PRELOADED = (
@@ -89,7 +89,7 @@ def half_weights(tensors: Any, path: Path, metadata: Any) -> None:
 
 REAL_SAVE = checkpoint.save_file
 MOMENTS: dict[str, Strike] = {
-    "reading": struck(OpenStage, "observe", lambda *_: die()),
+    "reading": struck(OpenCapture, "observe", lambda *_: die()),
     "plan": struck(store, "_put", half_dump, lambda path, _: ".run.json." in path.name),
     "cell": struck(store, "_put", half_dump, lambda path, _: path.parent.name == "cells"),
     "step": struck(engine, "_step", lambda *_: die()),

@@ -37,10 +37,10 @@ def capture(folder: Path) -> str:
     """Means of pictures, and of a mesh, of a light stage in a folder."""
     import numpy as np
 
-    from handbench.data.openstage.capture import OpenStage
+    from handbench.data.openstage.capture import OpenCapture
 
-    frames = OpenStage(folder).frames()
-    stage = OpenStage(folder)
+    frames = OpenCapture(folder).frames()
+    stage = OpenCapture(folder)
     means = [float(np.mean(stage.observe(frame).image)) for frame in frames[:: max(1, len(frames) // 5)]]
     return " ".join(f"{value:.5g}" for value in (*means, float(frames[0].mesh.vertices.mean())))
 

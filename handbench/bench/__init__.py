@@ -6,7 +6,7 @@ source.py     what a plug-in is made of, for the keys
 run.py        every missing cell
 executor.py   the loop over cells that all processes of a run go through; cluster.py sends it to Ray
 cell.py       one cell, with its training from priors.py
-store.py      the run folder: append-only, whole or absent; claims.py: who is at work on what
+store.py      the run folder: append-only, whole or absent
 describe.py   what run.json and the cells' files say; provenance.py: where it comes from
 check.py      the laws of `handbench.method`, tried on a method
 """

@@ -14,7 +14,8 @@ import re
 import socket
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any
@@ -46,12 +47,7 @@ def work_on_ray(site: Site, cells: Sequence[Cell], overall: Progress, cpus: int 
     Raises `InputError` for a cluster that cannot be reached, a node that does not share the run folder, and one whose
     software or data are not this machine's; a cell whose workers were lost again and again is told in `Done.lost`.
     """
-    ray = require_ray()
-    ours = not ray.is_initialized()
-    if ours:
-        _connect(ray)
-    try:
-        resources = _resources(ray, cpus)
+    with on_cluster(cpus) as (ray, resources, _):
         task = ray.remote(max_retries=_RETRIES, scheduling_strategy="SPREAD", **resources)(_task)
         data = os.environ.get("HANDBENCH_DATA")
         job = replace(site.job, folder=site.job.folder.resolve(), data=site.job.data and site.job.data.resolve())
@@ -61,6 +57,21 @@ def work_on_ray(site: Site, cells: Sequence[Cell], overall: Progress, cpus: int 
             return task.remote(about, device_name(), resources["num_cpus"], data, [cell.key for cell in group])
 
         return _drive(ray, site, cells, start, overall)
+
+
+@contextmanager
+def on_cluster(cpus: int | None) -> Iterator[tuple[Any, dict[str, int], int]]:
+    """The module ray, connected; what a task asks of its node, and how many such tasks run at once.
+
+    Raises `InputError` for a cluster that cannot be reached, and for a wish that no node can grant.
+    """
+    ray = require_ray()
+    ours = not ray.is_initialized()
+    if ours:
+        _connect(ray)
+    try:
+        resources = _resources(ray, cpus)
+        yield ray, resources, max(1, int(ray.cluster_resources().get("CPU", 1)) // resources["num_cpus"])
     finally:
         if ours:
             ray.shutdown()
@@ -80,7 +91,7 @@ def _drive(
             try:
                 settled = set(ray.get(ready))
             except ray.exceptions.RayTaskError as error:
-                raise _told(error) from None
+                raise told(error) from None
             except ray.exceptions.RayError as error:
                 reason = f"its worker was lost {_RETRIES + 1} times ({type(error).__name__})"
                 settled = {cell.key for cell in (group[:1] if site.job.store.prior(group[0].prior) else group)}
@@ -88,7 +99,7 @@ def _drive(
             for cell in group:
                 if cell.key not in settled:
                     waiting[start((cell,))] = (cell,)
-                elif cell.key not in lost and not _soon(partial(site.job.store.cell, cell.key)):
+                elif cell.key not in lost and not soon(partial(site.job.store.cell, cell.key)):
                     lost[cell.key] = f"its node has {site.job.folder} on another disk; choose a shared one with --out"
             done += len(settled)
             overall(done, len(cells))
@@ -98,7 +109,7 @@ def _drive(
     return Done(len(cells) - len(lost), lost)
 
 
-def _told(error: Any) -> Exception:
+def told(error: Any) -> Exception:
     """What a task raised, as the user should hear it; a bug keeps its traceback."""
     if isinstance(error.cause, HandbenchError):
         return error.cause
@@ -154,7 +165,7 @@ def _task(job: Job, device: str, cpus: int, data: str | None, keys: Sequence[str
 @lru_cache(maxsize=1)
 def _site(job: Job) -> Site:
     """The job, opened once by each worker process. Raises `InputError` if this node does not see the run folder."""
-    if not _soon(lambda: job.store.run() is not None):
+    if not soon(lambda: job.store.run() is not None):
         raise InputError(
             f"node {socket.gethostname()} does not see the run folder {job.folder}; "
             "choose one with --out on a disk that all nodes share"
@@ -175,7 +186,7 @@ def _planned(plan: Plan, key: str) -> Cell:
     )
 
 
-def _soon(seen: Callable[[], object]) -> bool:
+def soon(seen: Callable[[], object]) -> bool:
     """Whether something on the shared disk is seen within `_PATIENCE`."""
     end = time.monotonic() + _PATIENCE
     while not seen():

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -62,42 +61,6 @@ class Plan:
     methods: tuple[str, ...]
     seeds: tuple[int, ...]
     cells: tuple[Cell, ...]
-
-
-@dataclass(frozen=True)
-class Shard:
-    """Part `number` (from 1) of the `count` parts of a plan that an array of jobs computes into one run folder."""
-
-    number: int
-    count: int
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.number <= self.count:
-            raise InputError(f"shard {self} does not exist; give i/n with i from 1 to n, such as 1/4 … 4/4")
-
-    def __str__(self) -> str:
-        return f"{self.number}/{self.count}"
-
-    @staticmethod
-    def parse(text: str) -> Shard:
-        """The shard that "i/n" names; raises `InputError` for anything else."""
-        found = re.fullmatch(r"\s*(\d{1,9})\s*/\s*(\d{1,9})\s*", text, re.ASCII)
-        if found is None:
-            raise InputError(f"shard {text!r} cannot be read; give i/n, such as 1/4 for the first of four")
-        return Shard(int(found[1]), int(found[2]))
-
-    def of(self, cells: Sequence[Cell]) -> tuple[Cell, ...]:
-        """The cells of this shard. All shards together have every cell once.
-
-        Cells that share a training stay together, unless there are more shards than trainings: then several shards
-        have cells of one training, which one of them does.
-        """
-        groups = by_prior(cells)
-        mine = []
-        for index, group in enumerate(groups):
-            owners = range(index % self.count, self.count, len(groups))
-            mine += [cell for i, cell in enumerate(group) if owners[i % len(owners)] == self.number - 1]
-        return tuple(mine)
 
 
 def by_prior(cells: Iterable[Cell]) -> list[tuple[Cell, ...]]:

@@ -11,9 +11,10 @@ from pathlib import Path
 
 from ..errors import InputError, unknown_name
 from ..registry import PROTOCOLS, Entry
+from ..shards import Shard
 from .describe import protocol_record, run_record
 from .executor import Done, Job, Site, finished, work
-from .plan import Cell, Plan, Shard, check_preset, default_methods
+from .plan import Cell, Plan, by_prior, check_preset, default_methods
 from .progress import Steps, steps
 from .protocol import Protocol
 from .store import Store
@@ -88,7 +89,7 @@ def run(
     with steps() as told:
         capture = job.open_capture(told)
         plan = job.plan(capture)
-        cells = plan.cells if shard is None else shard.of(plan.cells)
+        cells = plan.cells if shard is None else shard.of(by_prior(plan.cells))
         missing = [cell for cell in cells if not finished(job.store.cell(cell.key))]
         done = Done()
         refused: tuple[str, ...] = ()

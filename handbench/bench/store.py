@@ -29,12 +29,12 @@ from typing import TypeVar
 import numpy as np
 
 from ..checkpoint import Checkpoints, checkpoints_in
+from ..claims import claim, holder
 from ..errors import Absent, Damaged, StorageError
 from ..files import JSON_LIMIT, read_bytes, writing
 from ..results.record import CellRecord, CurvePoint, PriorRecord, RunRecord
 from ..results.recordfile import dump, parse
 from ..scene import Prediction
-from .claims import claim, holder
 
 _Record = TypeVar("_Record", RunRecord, CellRecord, PriorRecord)
 _PARTS = ("cells", "predictions", "priors", "checkpoints", "claims")  # of a run folder

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..terminal import say
+from .shared import cores
 
 _ELSEWHERE = "choose another place with --out"
 
@@ -15,6 +16,13 @@ def add(verbs: Any) -> None:
     data = verbs.add_parser("data", help="make, show and check captures").add_subparsers(required=True, metavar="VERB")
     make = data.add_parser("make", help="generate what is missing of a capture")
     make.set_defaults(verb=_data_make, resumes=True)
+    make.add_argument("--shard", metavar="I/N", help="only this part of the poses, for arrays of jobs on one folder")
+    make.add_argument(
+        "--executor", default="local", metavar="NAME", help="local (default), or ray: the nodes of a cluster"
+    )
+    make.add_argument(
+        "--cpus", type=cores, metavar="N", help="with ray, cores for each task (default: the smallest node's)"
+    )
     show = data.add_parser("show", help="summarise a capture and draw a contact sheet")
     show.add_argument("--out", type=Path, metavar="PNG", help="the picture (default: CAPTURE.png)")
     show.set_defaults(verb=_data_show)
@@ -27,6 +35,18 @@ def add(verbs: Any) -> None:
 
 
 def _data_make(arguments: argparse.Namespace) -> int:
+    from ..bench.making import make_capture
+    from ..bench.progress import steps
+    from ..shards import Shard
+
+    shard = None if arguments.shard is None else Shard.parse(arguments.shard)
+    name, size, folder = arguments.capture, arguments.size, arguments.folder
+    with steps() as told:
+        left = make_capture(name, size, folder, told, shard, arguments.executor, arguments.cpus)
+    if left:
+        say(f"shard {shard}: made; not there yet, of other shards: {len(left)} poses")
+        say("the capture is finished by the shard that finishes last, or by the same command without --shard")
+        return 0
     capture = _capture(arguments)
     say(f"{capture.name}: {len(capture.frames())} frames, digest {capture.digest[:16]}")
     return 0

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..terminal import complain, say
-from .shared import names, numbers, preset, report
+from .shared import cores, names, numbers, preset, report
 
 
 def add(verbs: Any) -> None:
@@ -25,7 +25,7 @@ def add(verbs: Any) -> None:
         "--executor", default="local", metavar="NAME", help="local (default), or ray: the nodes of a cluster"
     )
     run.add_argument(
-        "--cpus", type=_cores, metavar="N", help="with ray, cores for each cell (default: the smallest node's)"
+        "--cpus", type=cores, metavar="N", help="with ray, cores for each cell (default: the smallest node's)"
     )
     run.set_defaults(verb=_run, resumes=True)
 
@@ -37,16 +37,10 @@ def add(verbs: Any) -> None:
     check.set_defaults(verb=_check)
 
 
-def _cores(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and int(text)):
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of cores; give 1 or more")
-    return int(text)
-
-
 def _run(arguments: argparse.Namespace) -> int:
-    from ..bench.plan import Shard
     from ..bench.run import find_protocol, run
     from ..device import on_device
+    from ..shards import Shard
 
     protocol = find_protocol(arguments.protocol)
     shard = None if arguments.shard is None else Shard.parse(arguments.shard)

@@ -39,5 +39,11 @@ def seed(text: str) -> int:
     return int(text)
 
 
+def cores(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and int(text)):
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of cores; give 1 or more")
+    return int(text)
+
+
 def numbers(text: str) -> tuple[int, ...]:
     return tuple(seed(number.strip()) for number in text.split(","))

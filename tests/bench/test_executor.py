@@ -21,16 +21,18 @@ from flat import flat_cells as cells
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handbench.bench import claims, cluster
-from handbench.bench.claims import claim, holder
+from handbench import claims
+from handbench.bench import cluster
 from handbench.bench.executor import Job
-from handbench.bench.plan import Cell, Shard, by_prior
+from handbench.bench.plan import Cell, by_prior
 from handbench.bench.protocol import Protocol
 from handbench.bench.run import run
 from handbench.bench.store import Store
+from handbench.claims import claim, holder
 from handbench.cli import main
 from handbench.errors import InputError
 from handbench.results.schema import plain
+from handbench.shards import Shard
 
 FAKES = Path(__file__).parent / "fakes"
 PATIENCE = 240.0  # seconds, after which a process hangs: a busy machine takes a minute to start three
@@ -124,7 +126,7 @@ def test_without_locks_everybody_has_the_claim(tmp_path, monkeypatch):
 def test_claims_under_contention_are_held_by_one_at_a_time(tmp_path):
     script = (
         "import os, sys, pathlib\n"
-        "from handbench.bench.claims import claim\n"
+        "from handbench.claims import claim\n"
         "folder, count = pathlib.Path(sys.argv[1]), 0\n"
         "while count < 200:\n"
         "    with claim(folder / 'claims' / 'key') as mine:\n"
@@ -154,7 +156,7 @@ def plan_cells(methods: int, seeds: int, subjects: int) -> tuple[Cell, ...]:
 @given(st.integers(1, 6), st.integers(1, 3), st.integers(1, 7), st.integers(1, 40))
 def test_shards_are_the_plan_in_parts(methods, seeds, subjects, count):
     whole = plan_cells(methods, seeds, subjects)
-    shards = [Shard(i, count).of(whole) for i in range(1, count + 1)]
+    shards = [Shard(i, count).of(by_prior(whole)) for i in range(1, count + 1)]
     assert sorted(cell.key for shard in shards for cell in shard) == sorted(cell.key for cell in whole)
     trained = [len(by_prior(shard)) for shard in shards]
     if count <= methods * seeds:
@@ -268,7 +270,7 @@ SCRIPT = """
 import json, sys
 from pathlib import Path
 from clusterfakes import METHODS
-from handbench.bench.plan import Shard
+from handbench.shards import Shard
 from handbench.bench.run import run
 from handbench.protocols import parse
 

@@ -16,8 +16,10 @@ from handbench.data.capture import Capture, read
 from handbench.data.contactsheet import contact_sheet, summary
 from handbench.data.exr import read_exr, rgb, write_exr
 from handbench.data.openstage import PRESETS, capture_folder, open_capture, preset
-from handbench.data.openstage.capture import OpenStage
-from handbench.data.openstage.make import TRACKING_NOISE, make, smooth_noise
+from handbench.data.openstage.capture import OpenCapture
+from handbench.data.openstage.make import make
+from handbench.data.openstage.performance import TRACKING_NOISE, smooth_noise
+from handbench.data.openstage.plans import production
 from handbench.data.openstage.presets import GENERATOR_VERSION
 from handbench.data.openstage.stage import ENVIRONMENT_IRRADIANCE, lightings
 from handbench.errors import BadFrame, InputError, StorageError
@@ -27,10 +29,11 @@ from handbench.render.see.raster import rasterise
 from handbench.scene import Environment, leaves
 from handbench.scene.colour import eight_bit
 
+STAGES = PRESETS["openstage"]
 TINY = replace(
-    PRESETS["mini"], subjects=1, train_poses=1, held_out_poses=0, lights=4, held_out_lights=1, environments=("hall",)
+    STAGES["mini"], subjects=1, train_poses=1, held_out_poses=0, lights=4, held_out_lights=1, environments=("hall",)
 )
-TINY = replace(TINY, height=32, width=24, spp=4, truth_level=1, skin_size=128)
+TINY = replace(TINY, height=32, width=24, spp=32, truth_level=1, skin_size=128)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +45,7 @@ def test_presets_meet_their_promises() -> None:
     quick = preset("quick")
     assert quick.subjects >= 6 and quick.train_poses + quick.held_out_poses >= 6 and len(quick.cameras) >= 3
     assert quick.lights >= 24 and quick.held_out_lights >= 6 and len(quick.environments) >= 6
-    assert len({p.recipe for p in PRESETS.values()}) == len(PRESETS)
+    assert len({p.recipe for p in STAGES.values()}) == len(STAGES)
     assert replace(quick, spp=quick.spp + 1).recipe != quick.recipe
     with pytest.raises(InputError, match="did you mean 'quick'"):
         preset("quik")
@@ -109,7 +112,7 @@ def test_the_tracked_mesh_is_coarser_and_off_by_less_than_a_millimetre() -> None
     length = np.linalg.norm(noise, axis=1)
     assert np.isclose(np.sqrt((length**2).mean()), TRACKING_NOISE)
     assert length.max() < 1e-3
-    assert all(p.tracked_level < p.truth_level for p in PRESETS.values())
+    assert all(p.tracked_level < p.truth_level for p in STAGES.values())
 
 
 def test_environments_are_exposed_alike() -> None:
@@ -128,26 +131,26 @@ def test_generation_resumes_after_a_kill_and_costs_nothing_twice(tmp_path: Path)
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        make(TINY, folder, killed)
+        make(production(TINY), folder, killed)
     assert not (folder / "capture.json").exists()
     first = folder / "s01" / "pose-0" / "dorsal" / "geometry.exr"
     stamp = first.stat().st_mtime_ns
     assert not (folder / "s01" / "pose-0" / "palmar").exists()
-    make(TINY, folder)
+    make(production(TINY), folder)
     assert first.stat().st_mtime_ns == stamp
-    capture = OpenStage(folder)
+    capture = OpenCapture(folder)
     assert len(capture.frames()) == 2 * (4 + 1 + 1 + 1)
     assert not list(folder.rglob("*.part"))
-    assert capture.digest == OpenStage(folder).digest
+    assert capture.digest == OpenCapture(folder).digest
 
 
 def test_generation_repeats(tmp_path: Path) -> None:
     one, two = tmp_path / "one", tmp_path / "two"
-    make(TINY, one)
-    make(TINY, two)
+    make(production(TINY), one)
+    make(production(TINY), two)
     files = sorted(path.relative_to(one) for path in one.rglob("*") if path.is_file())
     assert files == sorted(path.relative_to(two) for path in two.rglob("*") if path.is_file())
-    first, second = (OpenStage(folder) for folder in (one, two))
+    first, second = (OpenCapture(folder) for folder in (one, two))
     for a, b in zip(first.frames(), second.frames(), strict=True):
         assert np.allclose(first.observe(a).image, second.observe(b).image, rtol=2e-3, atol=1e-3)
 
@@ -156,13 +159,13 @@ def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None
     blocked = tmp_path / "file"
     blocked.write_text("")
     with pytest.raises(StorageError, match="cannot be written"):
-        make(TINY, blocked / "capture")
+        make(production(TINY), blocked / "capture")
 
 
 def test_a_full_disk_is_refused_before_work_starts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10, 10, 0))
     with pytest.raises(StorageError, match=r"0\.00 GB free"):
-        make(TINY, tmp_path)
+        make(production(TINY), tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -173,7 +176,7 @@ def copy(tmp_path: Path) -> Path:
 
 def test_an_image_of_the_wrong_size_is_named(copy: Path) -> None:
     write_exr(copy / "s01" / "pose-0" / "dorsal" / "olat-00.exr", rgb(np.zeros((10, 20, 3))))
-    capture = OpenStage(copy)
+    capture = OpenCapture(copy)
     frame = next(f for f in capture.frames() if f.lighting == "olat-00")
     with pytest.raises(InputError, match=r"olat-00\.exr is 20x10, its camera says 96x128"):
         capture.observe(frame)
@@ -181,18 +184,18 @@ def test_an_image_of_the_wrong_size_is_named(copy: Path) -> None:
 
 def test_a_damaged_environment_is_named(copy: Path) -> None:
     write_exr(copy / "environments" / "env-hall.exr", rgb(np.full((4, 8, 3), -1.0)))
-    with pytest.raises(InputError, match="environment 'hall': radiance has negative values"):
-        OpenStage(copy)
+    with pytest.raises(InputError, match=r"env-hall\.exr is damaged: it is not what was generated"):
+        OpenCapture(copy)
 
 
 def test_a_capture_of_another_version_is_refused(copy: Path) -> None:
     path = copy / "capture.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), "schema": 99}))
     with pytest.raises(InputError, match="schema 99"):
-        OpenStage(copy)
+        OpenCapture(copy)
     path.write_text("{")
     with pytest.raises(InputError, match="cannot be read"):
-        OpenStage(copy)
+        OpenCapture(copy)
 
 
 def test_the_contact_sheet_shows_every_row_and_column(mini: Capture) -> None:
@@ -208,7 +211,7 @@ def test_display_is_srgb() -> None:
 
 
 def test_a_lost_file_is_made_again_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(PRESETS, "mini", TINY)
+    monkeypatch.setitem(STAGES, "mini", TINY)
     open_capture("mini", tmp_path)
     folder = capture_folder("mini", tmp_path)
     lost, kept = (folder / "s01" / "pose-0" / camera / "olat-01.exr" for camera in ("dorsal", "palmar"))
@@ -219,20 +222,23 @@ def test_a_lost_file_is_made_again_and_nothing_else(tmp_path: Path, monkeypatch:
     assert kept.stat().st_mtime_ns == stamp
 
 
-def test_the_digest_follows_the_pixels(tmp_path: Path) -> None:
+def test_making_again_does_not_vouch_for_a_picture_that_was_changed(tmp_path: Path) -> None:
     folder = tmp_path / "capture"
-    make(TINY, folder)
-    digest = OpenStage(folder).digest
-    path = folder / "s01" / "pose-0" / "dorsal" / "olat-00.exr"
-    write_exr(path, rgb(np.full((32, 24, 3), 0.5)))
-    make(TINY, folder)
-    assert OpenStage(folder).digest != digest
+    make(production(TINY), folder)
+    assert OpenCapture(folder).digest == TINY.recipe
+    name = "s01/pose-0/dorsal/olat-00"
+    write_exr(folder / f"{name}.exr", rgb(np.full((32, 24, 3), 0.5)))
+    (folder / "s01/pose-0/palmar/olat-01.exr").unlink()
+    make(production(TINY), folder)
+    capture = OpenCapture(folder)
+    with pytest.raises(BadFrame, match=rf"{name}: .*not what was generated"):
+        read(capture, next(frame for frame in capture.frames() if frame.key == name))
 
 
 def test_a_capture_is_not_resumed_with_another_variant(tmp_path: Path) -> None:
-    (tmp_path / "variant").write_text("llvm_ad_rgb")
+    (tmp_path / "begun.json").write_text(json.dumps({"recipe": TINY.recipe, "variant": "llvm_ad_rgb"}))
     with pytest.raises(InputError, match="was begun with llvm_ad_rgb"):
-        make(TINY, tmp_path, variant="scalar_rgb")
+        make(production(TINY), tmp_path, variant="scalar_rgb")
 
 
 @pytest.mark.parametrize("name", ["topology.npz", "s01/pose-0/tracked.npy"])
@@ -240,7 +246,7 @@ def test_a_capture_is_not_resumed_with_another_variant(tmp_path: Path) -> None:
 def test_damaged_meshes_are_named(copy: Path, name: str, damage: bytes) -> None:
     (copy / name).write_bytes(damage)
     with pytest.raises(InputError, match=Path(name).name):
-        OpenStage(copy)
+        OpenCapture(copy)
 
 
 def test_fully_lit_frames_hold_no_held_out_light(mini: Capture) -> None:
@@ -257,7 +263,7 @@ def test_a_flipped_bit_is_found_when_the_capture_is_opened(copy: Path, name: str
     content[int(at * len(content))] ^= 1
     path.write_bytes(content)
     with pytest.raises(InputError, match=path.name):
-        OpenStage(copy)
+        OpenCapture(copy)
 
 
 @pytest.mark.parametrize("sums", [True, False])
@@ -269,9 +275,9 @@ def test_a_flipped_bit_in_a_picture_is_found_when_it_is_read(copy: Path, sums: b
     if not sums:
         (copy / "sums.json").unlink()
         with pytest.raises(InputError, match="are not what was generated"):
-            OpenStage(copy)
+            OpenCapture(copy)
         return
-    capture = OpenStage(copy)
+    capture = OpenCapture(copy)
     bad, sound = (next(f for f in capture.frames() if f.key == f"s01/pose-{i}/dorsal/olat-00") for i in (0, 1))
     with pytest.raises(BadFrame, match=r"s01/pose-0/dorsal/olat-00: .*geometry\.exr"):
         read(capture, bad)
@@ -282,7 +288,7 @@ def test_sums_are_made_again_where_they_are_missing_or_damaged(copy: Path) -> No
     whole = (copy / "sums.json").read_text()
     for content in (None, "", "[]", '{"topology.npz": 3}', whole.replace("a", "b")):
         (copy / "sums.json").unlink() if content is None else (copy / "sums.json").write_text(content)
-        OpenStage(copy)
+        OpenCapture(copy)
         assert (copy / "sums.json").read_text() == whole
 
 
@@ -296,11 +302,12 @@ def _first(kind: str, **values: object) -> Callable[[dict], None]:
         (lambda m: m.update(cameras=[]), "it has no cameras"),
         (lambda m: m.update(subjects=[]), "it has no subjects"),
         (lambda m: m.pop("olat"), "'olat' is missing"),
-        (lambda m: m.update(subjects="s01"), "it has no subjects"),
+        (lambda m: m.update(subjects="s01"), "is damaged"),
         (_first("cameras", width=5_000_000), "has 5000000 x 128 pixels, at most 32768 a side"),
         (_first("cameras", width="96"), "has 96 x 128 pixels"),
         (_first("cameras", K=[[1, 2], [3]]), "damaged"),
         (_first("lightings", weights=[1.0]), "has 1 weights"),
+        (lambda m: m.update(generator=1), "was made by generator 1, .*: handbench data make openstage --size mini"),
         (_first("subjects", name="../s01"), r"'\.\./s01' cannot be the name of one of its subjects"),
         (_first("subjects", name="/etc"), "cannot be the name"),
         (_first("subjects", poses=3), "damaged"),
@@ -315,7 +322,7 @@ def test_a_manifest_that_nobody_writes_is_one_sentence(copy: Path, change: Calla
     change(manifest)
     path.write_text(json.dumps(manifest))
     with pytest.raises(InputError, match=told):
-        OpenStage(copy)
+        OpenCapture(copy)
 
 
 def test_what_a_killed_generation_left_half_written_goes(tmp_path: Path) -> None:
@@ -324,7 +331,7 @@ def test_what_a_killed_generation_left_half_written_goes(tmp_path: Path) -> None
     for part in (old, new):
         part.write_text("half")
     os.utime(old, (0, 0))
-    make(TINY, tmp_path)
+    make(production(TINY), tmp_path)
     assert not old.exists() and new.exists()
 
 
@@ -333,4 +340,4 @@ def test_a_capture_of_named_pipes_is_refused_at_once(copy: Path, name: str) -> N
     (copy / name).unlink()
     os.mkfifo(copy / name)
     with pytest.raises(InputError, match="regular file"):
-        _ = [frame.mesh.vertices for frame in OpenStage(copy).frames()]
+        _ = [frame.mesh.vertices for frame in OpenCapture(copy).frames()]

@@ -6,7 +6,7 @@ import numpy as np
 import pymeshlab
 import pytest
 
-from handbench.data.openstage.make import TRACKING_NOISE, smooth_noise
+from handbench.data.openstage.performance import TRACKING_NOISE, smooth_noise
 from handbench.hand.openhand import OpenHand, named_pose, sample_pose
 from handbench.scene import Mesh
 

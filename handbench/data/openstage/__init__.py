@@ -1,6 +1,15 @@
-"""The open light stage: path-traced captures of the open hand, made on the user's machine.
+"""The open captures: path-traced pictures of the open hand, made on the user's machine by one generator.
 
-`open_capture(size)` gives a capture, generating what is missing; `mini` ships with the package.
+`open_capture(size)` gives the light stage of a size, generating what is missing; its `mini` ships with the package.
+
+presets.py     what is declared: sizes, recipes, the generator's version
+cast.py        people, looks and poses
+stage.py       the light stage, planned
+production.py  what a plan consists of; plans.py: from a preset to its plan
+make.py        a plan made, by any number of processes; performance.py: one pose of it
+describe.py    what capture.json says; manifest.py reads and checks it; inventory.py: files and their sums
+capture.py     the reader; reading.py: its files
+trace/         the path tracer
 """
 
 from __future__ import annotations
@@ -11,34 +20,54 @@ from ...cache import cache_folder
 from ...errors import InputError
 from ...method import Progress, silent
 from ..capture import Capture
-from .presets import PRESETS, preset
+from .presets import PRESETS, CaptureName, preset
 
-__all__ = ["PRESETS", "capture_folder", "open_capture", "preset"]
+__all__ = ["PRESETS", "capture_folder", "generated", "open_capture", "preset"]
 
 
-def capture_folder(size: str, folder: Path | None = None) -> Path:
-    """Where a capture of this size lives: `mini` in the package, others in `folder`, $HANDBENCH_DATA or the cache."""
-    recipe = preset(size).recipe
-    if size == "mini" and folder is None:
+def generated(name: str) -> CaptureName:
+    """The name of a capture that this generator makes. Raises `InputError` for any other."""
+    for known in PRESETS:
+        if name == known:
+            return known
+    raise InputError(f"capture {name!r} is not generated in parts; leave out --shard and --executor")
+
+
+def capture_folder(size: str, folder: Path | None = None, capture: CaptureName = "openstage") -> Path:
+    """Where a capture of this size lives: in the package if it ships, else in `folder`, $HANDBENCH_DATA or cache."""
+    if _ships(size, folder, capture):
         return Path(__file__).parent / "mini"
-    return (folder or cache_folder()) / f"openstage-{size}-{recipe[:8]}"
+    return (folder or cache_folder()) / f"{capture}-{size}-{preset(size, capture).recipe[:8]}"
 
 
-def open_capture(size: str = "quick", folder: Path | None = None, progress: Progress = silent) -> Capture:
+def _ships(size: str, folder: Path | None, capture: CaptureName) -> bool:
+    return (capture, size, folder) == ("openstage", "mini", None)
+
+
+def lacking(place: Path) -> list[str]:
+    """The files that a capture's folder lacks; none if it is finished. Raises `InputError` for a damaged one."""
+    from .inventory import missing
+    from .manifest import FILE, read_manifest
+
+    return missing(place, read_manifest(place / FILE)) if (place / FILE).is_file() else [FILE]
+
+
+def open_capture(
+    size: str = "quick", folder: Path | None = None, progress: Progress = silent, capture: CaptureName = "openstage"
+) -> Capture:
     """The capture of a size, generated first where it is missing or unfinished.
 
     Raises `InputError` for an unknown size or damaged files, `StorageError` when it cannot be written.
     """
-    from .capture import OpenStage, read_manifest
-    from .inventory import missing
+    from .capture import OpenCapture
 
-    place = capture_folder(size, folder)
-    path = place / "capture.json"
-    lost = missing(place, read_manifest(path)[1]) if path.is_file() else [path.name]
-    if lost and size == "mini" and folder is None:
+    place = capture_folder(size, folder, capture)
+    lost = lacking(place)
+    if lost and _ships(size, folder, capture):
         raise InputError(f"the mini capture at {place} lacks {lost[0]}; install handbench again")
     if lost:
         from .make import make
+        from .plans import production
 
-        make(preset(size), place, progress)
-    return OpenStage(place)
+        make(production(preset(size, capture)), place, progress)
+    return OpenCapture(place)

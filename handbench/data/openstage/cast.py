@@ -1,4 +1,4 @@
-"""Who stands on the open light stage: subjects with their identity and skin, and the poses they take."""
+"""Who is in the open captures: people with their identity and skin, and the poses they take."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 from ...hand.collision import relaxed
 from ...hand.openhand import Identity, OpenHand, named_pose, sample_pose
 from ...scene import Pose
-from .presets import Preset
 from .skin import SkinLook
 
 _LOOKS = (  # melanin, haemoglobin, freckles, polish, tattoo: tones from very light to very dark, then repeated
@@ -24,29 +23,17 @@ _POLISH = ((0.02, 0.06, 0.30), (0.02, 0.02, 0.02), (0.30, 0.05, 0.20))
 _TATTOOS = ("star", "mandala")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Subject:
+    """A person: name, shape of the hand, and look of its skin."""
+
     name: str
     identity: Identity
     look: SkinLook
 
 
-@dataclass(frozen=True)
-class Performance:
-    """A pose of a subject: which segment it belongs to, and its joint rotations and placement."""
-
-    name: str
-    segment: str
-    pose: Pose
-
-
-def cast(preset: Preset, hand: OpenHand) -> list[tuple[Subject, tuple[Performance, ...]]]:
-    """The preset's subjects with their poses; the same name is the same person in every size."""
-    people = [_subject(i, hand) for i in range(preset.subjects)]
-    return [(person, _performances(preset, hand, person)) for person in people]
-
-
-def _subject(index: int, hand: OpenHand) -> Subject:
+def person(index: int, hand: OpenHand) -> Subject:
+    """The person of an index: the same one in every capture and size."""
     rng = np.random.default_rng([2401, index])
     melanin, haemoglobin, freckles, polish, tattoo = _LOOKS[index % len(_LOOKS)]
     if index >= len(_LOOKS):  # beyond the declared six, every tone comes back with other details
@@ -66,19 +53,17 @@ def _subject(index: int, hand: OpenHand) -> Subject:
     return Subject(f"s{index + 1:02d}", hand.sample_identity(rng), look)
 
 
-def _performances(preset: Preset, hand: OpenHand, subject: Subject) -> tuple[Performance, ...]:
-    """A neutral pose first, then poses of the subject's own without collisions, each placed a little differently."""
-    found = []
-    for k in range(preset.train_poses + preset.held_out_poses):
-        rng = np.random.default_rng([1005, subject.look.seed, k])
-        pose = named_pose("rest") if k == 0 else relaxed(hand, subject.identity, _own_pose(hand, rng))
-        rotation = rng.normal(0.0, np.radians([7.0, 16.0, 6.0])) if k else np.zeros(3)
-        segment = "train" if k < preset.train_poses else "held-out"
-        found.append(Performance(f"pose-{k}", segment, Pose(pose.joints, rotation, np.zeros(3))))
-    return tuple(found)
+def pose(hand: OpenHand, subject: Subject, k: int) -> Pose:
+    """A subject's k-th pose: the neutral one first, then poses of its own without collisions, each placed a little
+    differently."""
+    if k == 0:
+        return named_pose("rest")
+    rng = np.random.default_rng([1005, subject.look.seed, k])
+    found = relaxed(hand, subject.identity, own_pose(hand, rng))
+    return Pose(found.joints, rng.normal(0.0, np.radians([7.0, 16.0, 6.0])), np.zeros(3))
 
 
-def _own_pose(hand: OpenHand, rng: np.random.Generator) -> Pose:
+def own_pose(hand: OpenHand, rng: np.random.Generator) -> Pose:
     """A random pose for a picture that anyone may see: the middle finger is not stretched alone."""
     while True:
         pose = sample_pose(rng)

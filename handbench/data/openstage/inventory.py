@@ -1,10 +1,10 @@
-"""Which files make up an open light stage, whether they are all there, and a digest of their content."""
+"""Which files make up a capture, whether they are all there, and digests of their content."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from ...errors import InputError
 from ...files import whole
 
 SUMS = "sums.json"
-TRACED = ("olat", "environment")  # kinds of lighting that are rendered; the others are sums
 
 
 def olat_name(number: int) -> str:
@@ -21,22 +20,39 @@ def olat_name(number: int) -> str:
     return f"olat-{number:02d}"
 
 
-def files(manifest: dict[str, Any]) -> Iterator[str]:
+def files(manifest: Mapping[str, Any]) -> Iterator[str]:
     """Paths below the capture's folder, in a fixed order; capture.json itself is not among them."""
-    yield "topology.npz"
-    traced = [entry["name"] for entry in manifest["lightings"] if entry["kind"] in TRACED]
+    yield from shared_files(manifest)
+    for person in manifest["subjects"]:
+        for pose in person["poses"]:
+            yield from pose_files(manifest, person["name"], pose)
+
+
+def shared_files(manifest: Mapping[str, Any]) -> Iterator[str]:
+    """Those that belong to no pose: the topology of meshes and the environments."""
+    if manifest["meshes"] is not None:
+        yield "topology.npz"
     for entry in manifest["lightings"]:
         if entry["kind"] == "environment":
             yield f"environments/{entry['name']}.exr"
-    for person in manifest["subjects"]:
-        for act in person["poses"]:
-            pose = f"{person['name']}/{act['name']}"
-            yield f"{pose}/tracked.npy"
-            for camera in manifest["cameras"]:
-                yield from (f"{pose}/{camera['name']}/{name}.exr" for name in (*traced, "geometry"))
 
 
-def missing(folder: Path, manifest: dict[str, Any]) -> list[str]:
+def pose_files(manifest: Mapping[str, Any], subject: str, pose: Mapping[str, Any]) -> Iterator[str]:
+    """Those of one pose of a subject: its mesh, then camera by camera the traced pictures and the geometry."""
+    folder = f"{subject}/{pose['name']}"
+    if manifest["meshes"] is not None:
+        yield f"{folder}/{manifest['meshes']}.npy"
+    traced = [entry["name"] for entry in manifest["lightings"] if entry["kind"] == "olat" or entry["weights"] is None]
+    views: dict[str, dict[str, None]] = {}
+    for shot in pose["shots"]:
+        names = traced if shot["lightings"] is None else [name for name in shot["lightings"] if name in set(traced)]
+        for camera in shot["cameras"] or [camera["name"] for camera in manifest["cameras"]]:
+            views.setdefault(camera, {}).update(dict.fromkeys(names))
+    for camera, lightings in views.items():
+        yield from (f"{folder}/{camera}/{name}.exr" for name in (*lightings, "geometry"))
+
+
+def missing(folder: Path, manifest: Mapping[str, Any]) -> list[str]:
     """The capture's files that are not there."""
     return [name for name in files(manifest) if not (folder / name).is_file()]
 
@@ -49,9 +65,9 @@ def content(sums: Mapping[str, str]) -> str:
     return total.hexdigest()[:16]
 
 
-def measured(folder: Path, manifest: dict[str, Any]) -> dict[str, str]:
+def measured(folder: Path, names: Collection[str]) -> dict[str, str]:
     """The SHA-256 of each file as it is now."""
-    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in files(manifest)}
+    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
 
 
 def write_sums(folder: Path, sums: Mapping[str, str]) -> None:
@@ -59,17 +75,18 @@ def write_sums(folder: Path, sums: Mapping[str, str]) -> None:
         part.write_text(json.dumps(sums, indent=0))
 
 
-def recorded(folder: Path, manifest: dict[str, Any]) -> dict[str, str]:
-    """The SHA-256 of each file as it was generated: kept in a file that the manifest's digest vouches for.
+def recorded(folder: Path, manifest: Mapping[str, Any]) -> dict[str, str]:
+    """The SHA-256 of each file as it was generated: kept in a file that the manifest's content vouches for.
 
     Where that is missing or damaged all files are looked at. Raises `InputError` if they are not what was generated.
     """
+    names = list(files(manifest))
     with suppress(OSError, ValueError, AttributeError, TypeError):
         kept = json.loads((folder / SUMS).read_text())
-        sums = {name: kept[name] for name in files(manifest) if name in kept}
+        sums = {name: kept[name] for name in names if name in kept}
         if content(sums) == manifest["content"]:
             return sums
-    sums = measured(folder, manifest)
+    sums = measured(folder, names)
     if content(sums) != manifest["content"]:
         raise InputError(f"files of {folder} are not what was generated; delete it and make the capture again")
     with suppress(OSError):  # a folder that cannot be written is looked at again next time

@@ -1,87 +1,81 @@
-"""Generation of the open light stage: path traced view by view, resumable, nothing half-written."""
+"""Generation of a capture: path traced pose by pose, by any number of processes, resumable, nothing half-written.
+
+A process claims a pose before it makes it, so that two never render the same view. What is made depends on the
+production alone: not on who makes it, in what order, or how often it was stopped.
+"""
 
 from __future__ import annotations
 
 import json
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import scipy.sparse
 
+from ...claims import claim
 from ...errors import InputError, StorageError
-from ...files import whole, writing
-from ...hand.openhand import OpenHand
+from ...files import JSON_LIMIT, read_json, whole, writing
 from ...method import Progress, silent
-from ...scene import Array, Camera, Directional, Environment, Mesh, Topology
+from ...scene import Environment
 from ..exr import rgb, write_exr
-from .cast import Performance, Subject, cast
-from .inventory import TRACED, content, measured, write_sums
-from .presets import GENERATOR_VERSION, SCHEMA, Preset
-from .skin import Skin, make_skin
-from .stage import Lighting, cameras, lightings
+from .describe import describe
+from .inventory import content, files, measured, pose_files, recorded, shared_files, write_sums
+from .manifest import FILE, Manifest, read_manifest
+from .performance import Maker
+from .production import Performance, Production
 from .trace.llvm import VECTORISED
-from .trace.pathtrace import PathTracer, TracedSurface, choose_variant, displace
+from .trace.pathtrace import PathTracer, choose_variant
 
-TRACKING_NOISE = 3e-4  # metres, root mean square distance of a tracked vertex from the true coarse surface
-
-
+BEGUN = "begun.json"  # which recipe a folder was begun with, and by which variant of the tracer
 _LATELY = 600.0  # seconds: no file takes as long to write
+_LONGEST_PAUSE = 5.0  # seconds between looks at what other processes have made
 
 
-@dataclass(frozen=True)
-class _Production:
-    """Everything of a capture that is decided before the first ray."""
-
-    preset: Preset
-    hand: OpenHand
-    people: list[tuple[Subject, tuple[Performance, ...]]]
-    cameras: tuple[Camera, ...]
-    lights: tuple[Lighting, ...]
-    folder: Path
-
-    @property
-    def traced(self) -> list[Lighting]:
-        """The lightings that are rendered; the others are sums."""
-        return [light for light in self.lights if light.kind in TRACED]
-
-    @property
-    def views(self) -> list[Path]:
-        """The folder of every view: a pose of a subject in a camera."""
-        poses = [self.folder / person.name / act.name for person, acts in self.people for act in acts]
-        return [pose / camera.name for pose in poses for camera in self.cameras]
-
-    def is_whole(self, view: Path) -> bool:
-        names = (*(light.name for light in self.traced), "geometry")
-        return all((view / f"{name}.exr").is_file() for name in names)
-
-
-def make(preset: Preset, folder: Path, progress: Progress = silent, variant: str | None = None) -> None:
+def make(
+    production: Production,
+    folder: Path,
+    progress: Progress = silent,
+    variant: str | None = None,
+    mine: Collection[str] | None = None,
+) -> tuple[str, ...]:
     """Generate what is missing of a capture in `folder`; its capture.json is written last.
 
-    Raises `StorageError` when the folder cannot be written or the disk is full; what is there stays.
+    `mine` are the keys of the performances to make, None for all. What another process is at work on is left to it,
+    and waited for. Returns the keys of performances of others that are not there yet; without any the capture is
+    finished. Raises `StorageError` when the folder cannot be written or the disk is full, what is there stays;
+    `InputError` if the folder was begun with another recipe, or with a variant of the tracer that does not work here.
     """
     with writing(folder, "free some space or choose another folder"):
         folder.mkdir(parents=True, exist_ok=True)
-        hand = OpenHand.load()
-        production = _Production(preset, hand, cast(preset, hand), cameras(preset), lightings(preset), folder)
-        _check_space(production)
+        _check_space(production, folder)
+        variant = _begin(production, folder, variant or choose_variant())
         _sweep(folder)
-        variant = _variant(folder, variant or choose_variant())
-        _save_shared(production)
-        for done, _ in enumerate(_views(production, PathTracer(variant)), start=1):
-            progress(done, len(production.views))
-        manifest = _manifest(production, variant)
-        sums = measured(folder, manifest)
-        write_sums(folder, sums)
-        manifest["content"] = content(sums)
-        with whole(folder / "capture.json") as part:
-            part.write_text(json.dumps(manifest, indent=1))
+        manifest = describe(production, variant)
+        lost = frozenset(name for name in files(manifest) if not (folder / name).is_file())
+        _save_shared(production, folder, manifest)
+        chosen = [one for one in production.performances if mine is None or one.key in mine]
+        _work(Maker(production, folder, PathTracer(variant)), chosen, _files_of(folder, manifest), progress)
+        left = tuple(key for key, paths in _files_of(folder, manifest).items() if not _all_there(paths))
+        if not left:
+            _finish(folder, manifest, lost)
+        return left
+
+
+def _begin(production: Production, folder: Path, available: str) -> str:
+    """The variant a folder was begun with, so that a resumed capture does not mix two; else the available one."""
+    note, recipe, remedy = folder / BEGUN, production.preset.recipe, f"delete {folder} and run again"
+    if not note.is_file():
+        with whole(note) as part:
+            part.write_text(json.dumps({"recipe": recipe, "variant": available}))
+    begun = read_json(note, JSON_LIMIT, "note")
+    if not isinstance(begun, dict) or begun.get("recipe") != recipe:
+        raise InputError(f"{folder} was begun with another preset or generator than this version's; {remedy}")
+    if begun.get("variant") == VECTORISED and available != VECTORISED:
+        raise InputError(f"{folder} was begun with {VECTORISED}, which does not work; install libllvm19 or {remedy}")
+    return str(begun["variant"])
 
 
 def _sweep(folder: Path) -> None:
@@ -92,152 +86,90 @@ def _sweep(folder: Path) -> None:
                 part.unlink()
 
 
-def _variant(folder: Path, available: str) -> str:
-    """The variant a capture was begun with, so that a resumed one does not mix two; else the available one."""
-    note = folder / "variant"
-    if not note.is_file():
-        with whole(note) as part:
-            part.write_text(available)
-    begun = note.read_text().strip()
-    if begun == VECTORISED and available != VECTORISED:
-        raise InputError(f"{folder} was begun with {begun}, which does not work now; install libllvm19 or delete it")
-    return begun
+def _save_shared(production: Production, folder: Path, manifest: Manifest) -> None:
+    """Topology and environments: what all poses have in common."""
+    maps = {f"environments/{lit.name}.exr": lit.light for lit in production.lightings}
+    for name in shared_files(manifest):
+        path = folder / name
+        path.parent.mkdir(exist_ok=True)
+        if path.is_file():
+            continue
+        if isinstance(light := maps.get(name), Environment):
+            write_exr(path, rgb(light.radiance, dtype=np.float32))
+            continue
+        topology = production.hand.topology(production.mesh_level)
+        uvs, uv_faces = topology.unwrapped
+        with whole(path) as part, part.open("wb") as file:
+            np.savez_compressed(file, faces=topology.faces, uvs=uvs.astype(np.float32), uv_faces=uv_faces)
 
 
-def _save_shared(production: _Production) -> None:
-    """Topology and environments: what all views have in common."""
-    topology = production.hand.topology(production.preset.tracked_level)
-    uvs, uv_faces = topology.unwrapped
-    with whole(production.folder / "topology.npz") as part, part.open("wb") as file:
-        np.savez_compressed(file, faces=topology.faces, uvs=uvs.astype(np.float32), uv_faces=uv_faces)
-    place = production.folder / "environments"
-    place.mkdir(exist_ok=True)
-    for lighting in production.lights:
-        if isinstance(lighting.light, Environment):
-            write_exr(place / f"{lighting.name}.exr", rgb(lighting.light.radiance, dtype=np.float32))
+def _files_of(folder: Path, manifest: Manifest) -> dict[str, list[Path]]:
+    """The files of every performance, by its key."""
+    return {
+        f"{person['name']}/{pose['name']}": [folder / name for name in pose_files(manifest, person["name"], pose)]
+        for person in manifest["subjects"]
+        for pose in person["poses"]
+    }
 
 
-def _views(production: _Production, tracer: PathTracer) -> Iterator[None]:
-    """Make every view that is not whole, one step a view."""
-    preset, hand = production.preset, production.hand
-    for person, acts in production.people:
-        skin: Skin | None = None
-        for act in acts:
-            folder = production.folder / person.name / act.name
-            folder.mkdir(parents=True, exist_ok=True)
-            _save_tracked(folder / "tracked.npy", hand, person, act, preset.tracked_level)
-            surface: TracedSurface | None = None
-            for camera in production.cameras:
-                if not production.is_whole(folder / camera.name):
-                    skin = skin or make_skin(hand, person.identity, person.look, preset.skin_size)
-                    surface = surface or _surface(hand.mesh(person.identity, act.pose, preset.truth_level), skin)
-                    _make_view(tracer, surface, camera, production.traced, preset.spp, folder / camera.name)
-                yield
+def _all_there(paths: Sequence[Path]) -> bool:
+    return all(path.is_file() for path in paths)
 
 
-def _surface(mesh: Mesh, skin: Skin) -> TracedSurface:
-    return TracedSurface(displace(mesh, skin), skin.albedo, skin.roughness, bump=skin.bump)
+def _work(maker: Maker, performances: Sequence[Performance], paths: dict[str, list[Path]], progress: Progress) -> None:
+    """Make performances, each in one process only, and wait for those that other processes are at."""
+    total = sum(len(one.views) for one in performances)
+    left, done, pause = list(performances), 0, 0.1
+    while left:
+        later = []
+        for performance in left:
+            with claim(maker.folder / "claims" / performance.key.replace("/", "--")) as ours:
+                if not ours:
+                    later.append(performance)
+                    continue
+                for _ in _made(maker, performance, _all_there(paths[performance.key])):
+                    done += 1
+                    progress(done, total)
+        if len(later) < len(left):
+            pause = 0.1
+        else:
+            time.sleep(pause)
+            pause = min(2 * pause, _LONGEST_PAUSE)
+        left = later
+    with suppress(OSError):  # others may be at work
+        (maker.folder / "claims").rmdir()
 
 
-def _make_view(
-    tracer: PathTracer, surface: TracedSurface, camera: Camera, lights: list[Lighting], spp: int, folder: Path
-) -> None:
-    folder.mkdir(exist_ok=True)
-    images = tracer.render(surface, camera, [light.light for light in lights], spp=spp, seed=0)
-    for light, image in zip(lights, images, strict=True):
-        write_exr(folder / f"{light.name}.exr", rgb(np.clip(image, 0.0, 60000.0)))  # float16 ends at 65504
-    seen = tracer.gbuffer(surface, camera, spp=16)
-    half, single = np.float16, np.float32
-    channels: dict[str, Array] = {"A": seen.alpha.astype(half), "depth.Z": seen.depth.astype(single)}
-    channels |= {f"normal.{axis}": seen.normal[..., i].astype(half) for i, axis in enumerate("XYZ")}
-    channels |= {f"uv.{axis}": seen.uv[..., i].astype(single) for i, axis in enumerate("UV")}
-    write_exr(folder / "geometry.exr", channels)
+def _made(maker: Maker, performance: Performance, there: bool) -> Iterator[object]:
+    """One step a view, whether it is made now or was there."""
+    return iter(performance.views) if there else maker.make(performance)
 
 
-def _save_tracked(path: Path, hand: OpenHand, person: Subject, act: Performance, level: int) -> None:
-    if path.is_file():
-        return
-    vertices = hand.mesh(person.identity, act.pose, level).vertices
-    rng = np.random.default_rng([77, person.look.seed, int(act.name.removeprefix("pose-"))])
-    noisy = vertices + smooth_noise(hand.topology(level), len(vertices), rng)
-    with whole(path) as part, part.open("wb") as file:
-        np.save(file, noisy.astype(np.float32))
+def _finish(folder: Path, manifest: Manifest, lost: Collection[str]) -> None:
+    """Write the sums and capture.json. Of files that were there before, the sums that vouch for them stay."""
+    before: dict[str, str] = {}
+    with suppress(InputError, OSError):
+        before = recorded(folder, read_manifest(folder / FILE))
+    names = list(files(manifest))
+    fresh = measured(folder, [name for name in names if name in lost or name not in before])
+    sums = {name: fresh.get(name) or before[name] for name in names}
+    write_sums(folder, sums)
+    with whole(folder / FILE) as part:
+        part.write_text(json.dumps({**manifest, "content": content(sums)}, indent=1))
 
 
-def smooth_noise(topology: Topology, count: int, rng: np.random.Generator, rounds: int = 24) -> Array:
-    """Smooth random offsets (V, 3) of root mean square length `TRACKING_NOISE`: how trackers err, bumps not grain."""
-    faces = topology.faces
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    links = scipy.sparse.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
-    links = ((links + links.T) > 0).astype(np.float64) + scipy.sparse.eye(count)
-    average = scipy.sparse.diags(1.0 / np.asarray(links.sum(axis=1)).ravel()) @ links
-    noise = rng.normal(size=(count, 3))
-    for _ in range(rounds):
-        noise = average @ noise
-    return noise * (TRACKING_NOISE / np.sqrt((noise**2).sum(axis=1).mean()))
-
-
-def _check_space(production: _Production) -> None:
+def _check_space(production: Production, folder: Path) -> None:
     """Refuse early when the disk cannot hold what is missing: half floats, compressed to about half."""
-    preset, folder = production.preset, production.folder
-    images = sum(not production.is_whole(view) for view in production.views) * (len(production.traced) + 3)
-    need = images * preset.height * preset.width * 3
-    free = shutil.disk_usage(folder).free
+    preset = production.preset
+    images = sum(
+        len(view.lightings) + 3
+        for performance in production.performances
+        for view in performance.views
+        if not (folder / performance.key / view.camera.name / "geometry.exr").is_file()
+    )
+    need, free = images * preset.height * preset.width * 3, shutil.disk_usage(folder).free
     if free < need:
         raise StorageError(
-            f"{folder} has {free / 1e9:.2f} GB free, openstage {preset.name} needs about {need / 1e9:.2f} GB more; "
+            f"{folder} has {free / 1e9:.2f} GB free, {preset.label} needs about {need / 1e9:.2f} GB more; "
             "free some space or keep captures elsewhere"
         )
-
-
-def _manifest(production: _Production, variant: str) -> dict[str, Any]:
-    """What a reader needs beside the images; numbers as plain lists."""
-    lights = production.lights
-    return {
-        "schema": SCHEMA,
-        "generator": GENERATOR_VERSION,
-        "preset": asdict(production.preset),
-        "recipe": production.preset.recipe,
-        "variant": variant,
-        "joints": list(production.hand.joint_names),
-        "cameras": [
-            {
-                "name": camera.name,
-                "width": camera.width,
-                "height": camera.height,
-                "K": camera.K.tolist(),
-                "world_to_camera": camera.world_to_camera.tolist(),
-            }
-            for camera in production.cameras
-        ],
-        "olat": [
-            {"direction": light.light.direction.tolist(), "irradiance": light.light.irradiance.tolist()}
-            for light in lights
-            if isinstance(light.light, Directional)
-        ],
-        "lightings": [
-            {
-                "name": light.name,
-                "kind": light.kind,
-                "weights": None if light.weights is None else light.weights.tolist(),
-            }
-            for light in lights
-        ],
-        "subjects": [
-            {
-                "name": person.name,
-                "look": asdict(person.look),
-                "poses": [
-                    {
-                        "name": act.name,
-                        "segment": act.segment,
-                        "joints": act.pose.joints.tolist(),
-                        "rotation": act.pose.rotation.tolist(),
-                        "translation": act.pose.translation.tolist(),
-                    }
-                    for act in acts
-                ],
-            }
-            for person, acts in production.people
-        ],
-    }

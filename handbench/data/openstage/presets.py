@@ -1,29 +1,72 @@
-"""The sizes of the open light stage, each a declared recipe with a digest."""
+"""The sizes of the open captures, each a declared recipe with a digest."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any, ClassVar, Literal, get_args
 
 from ...errors import unknown_name
 
 # Raise when the generator changes what any recipe produces: captures of another version are then made anew.
 GENERATOR_VERSION = 3
-# The layout of a capture folder; readers refuse another one.
-SCHEMA = 1
+# The layout of a capture folder, and those that can be read.
+SCHEMA = 2
+SCHEMAS = (1, SCHEMA)
+
+CaptureName = Literal["openstage"]
+"""The captures that this generator makes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Preset:
-    """One size of the open light stage.
+    """One size of a capture.
 
-    Counts of subjects, poses (train and held-out segment), cameras, one-light-at-a-time directions (the last
-    `held_out_lights` are meant never to be trained on); image height and width in pixels; samples per pixel;
-    subdivision levels of the truth and of the tracked mesh; side of the skin textures in texels.
+    name            of the size
+    height, width   of pictures, in pixels
+    spp             samples per pixel
+    truth_level     of subdivision of the surface that is traced
+    skin_size       side of the skin's textures, in texels
+    environment_height  of environment maps, in texels
     """
 
+    capture: ClassVar[CaptureName]
+
     name: str
+    height: int
+    width: int
+    spp: int
+    truth_level: int
+    skin_size: int
+    environment_height: int = 128
+
+    @property
+    def recipe(self) -> str:
+        """Digest of everything that determines the capture except code and rounding."""
+        return recipe(self.capture, GENERATOR_VERSION, asdict(self))
+
+    @property
+    def label(self) -> str:
+        return f"{self.capture} {self.name}"
+
+
+def recipe(capture: str, generator: int, values: dict[str, Any]) -> str:
+    """The digest of a preset's values in the hands of a version of the generator."""
+    text = json.dumps({"capture": capture, "generator": generator, **values}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StagePreset(Preset):
+    """One size of the light stage.
+
+    Counts of subjects, poses (train and held-out segment), cameras, one-light-at-a-time directions (the last
+    `held_out_lights` are meant never to be trained on); `tracked_level` of subdivision of tracked meshes.
+    """
+
+    capture: ClassVar[CaptureName] = "openstage"
+
     subjects: int
     train_poses: int
     held_out_poses: int
@@ -31,19 +74,7 @@ class Preset:
     lights: int
     held_out_lights: int
     environments: tuple[str, ...]
-    height: int
-    width: int
-    spp: int
-    truth_level: int
-    tracked_level: int
-    skin_size: int
-    environment_height: int = 128
-
-    @property
-    def recipe(self) -> str:
-        """Digest of everything that determines the capture except code and rounding."""
-        text = json.dumps({"generator": GENERATOR_VERSION, **asdict(self)}, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+    tracked_level: int = 1
 
 
 _THREE = ("dorsal", "palmar", "oblique")
@@ -51,21 +82,80 @@ _ALL = ("dorsal", "palmar", "oblique", "radial", "ulnar", "fingertip")
 _SIX = ("brightday", "park", "streetlamp", "nightlights", "hall", "pillars")
 _TEN = (*_SIX, "crossroads", "park2", "konzerthaus", "default")
 
-PRESETS: dict[str, Preset] = {
-    preset.name: preset
-    for preset in (
-        Preset("mini", 2, 2, 1, ("dorsal", "palmar"), 8, 2, ("brightday", "hall"), 128, 96, 128, 2, 1, 512, 32),
-        Preset("quick", 6, 4, 2, _THREE, 24, 6, _SIX, 256, 192, 96, 3, 1, 1024),
-        # quick with five times the lights: a few lights at a time are far from the whole stage, as on URHand's 350
-        Preset("dense", 6, 4, 2, _THREE, 120, 20, _SIX, 256, 192, 96, 3, 1, 1024),
-        Preset("standard", 12, 8, 4, _ALL, 60, 12, _TEN, 512, 384, 128, 3, 1, 2048, 256),
-        Preset("full", 24, 16, 8, _ALL, 150, 30, _TEN, 1024, 768, 256, 4, 1, 4096, 256),
-    )
+
+_MINI = StagePreset(
+    name="mini",
+    subjects=2,
+    train_poses=2,
+    held_out_poses=1,
+    cameras=("dorsal", "palmar"),
+    lights=8,
+    held_out_lights=2,
+    environments=("brightday", "hall"),
+    height=128,
+    width=96,
+    spp=128,
+    truth_level=2,
+    skin_size=512,
+    environment_height=32,
+)
+_QUICK = StagePreset(
+    name="quick",
+    subjects=6,
+    train_poses=4,
+    held_out_poses=2,
+    cameras=_THREE,
+    lights=24,
+    held_out_lights=6,
+    environments=_SIX,
+    height=256,
+    width=192,
+    spp=96,
+    truth_level=3,
+    skin_size=1024,
+)
+# quick with five times the lights: a few lights at a time are far from the whole stage, as on URHand's 350
+_DENSE = replace(_QUICK, name="dense", lights=120, held_out_lights=20)
+_STANDARD = StagePreset(
+    name="standard",
+    subjects=12,
+    train_poses=8,
+    held_out_poses=4,
+    cameras=_ALL,
+    lights=60,
+    held_out_lights=12,
+    environments=_TEN,
+    height=512,
+    width=384,
+    spp=128,
+    truth_level=3,
+    skin_size=2048,
+    environment_height=256,
+)
+_FULL = replace(
+    _STANDARD,
+    name="full",
+    subjects=24,
+    train_poses=16,
+    held_out_poses=8,
+    lights=150,
+    held_out_lights=30,
+    height=1024,
+    width=768,
+    spp=256,
+    truth_level=4,
+    skin_size=4096,
+)
+
+
+PRESETS: dict[CaptureName, dict[str, Preset]] = {
+    "openstage": {preset.name: preset for preset in (_MINI, _QUICK, _DENSE, _STANDARD, _FULL)},
 }
+assert tuple(PRESETS) == get_args(CaptureName)
 
 
-def preset(size: str) -> Preset:
+def preset(size: str, capture: CaptureName = "openstage") -> Preset:
     """The preset of a size; `InputError` with the closest names for an unknown one."""
-    if size not in PRESETS:
-        raise unknown_name("openstage size", size, PRESETS)
-    return PRESETS[size]
+    if size not in PRESETS[capture]:
+        raise unknown_name(f"{capture} size", size, PRESETS[capture])
+    return PRESETS[capture][size]

@@ -1,17 +1,18 @@
-"""The stage of a preset: cameras, lights and their combinations."""
+"""The light stage: cameras, lights and their combinations, and what is made of them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from ...hand.openhand import OpenHand
 from ...light.environment import solid_angles
 from ...light.skybox import skybox
 from ...light.stage import stage_directions
-from ...scene import Array, Camera, Directional, Environment, FrameKind, Group, Light
+from ...scene import Array, Camera, Directional, Environment, FrameKind, Group
+from .cast import Subject, person, pose
 from .inventory import olat_name
-from .presets import Preset
+from .presets import StagePreset
+from .production import Lighting, Performance, Production, Shot
 
 # Irradiance of one stage light on a surface that faces it; skin of albedo 0.5 then reaches 0.5 on a 0..1 display.
 LIGHT_IRRADIANCE = 3.0
@@ -32,7 +33,7 @@ _VIEWS = {  # direction from the target to the camera; palm faces +z, thumb +x, 
 }
 
 
-def cameras(preset: Preset) -> tuple[Camera, ...]:
+def cameras(preset: StagePreset) -> tuple[Camera, ...]:
     """The preset's cameras, looking at the middle of the hand."""
     focal = preset.height * _DISTANCE / _HEIGHT
     K = np.array([[focal, 0, preset.width / 2], [0, focal, preset.height / 2], [0, 0, 1]])
@@ -51,20 +52,7 @@ def _look_at(view: tuple[float, float, float]) -> Array:
     return np.concatenate([rotation, -(rotation @ centre)[:, None]], axis=1)
 
 
-@dataclass(frozen=True)
-class Lighting:
-    """One way to light the stage: a weighted sum of stage lights, or an environment.
-
-    `weights` (lights,) over the one-light-at-a-time images gives the image exactly; None for an environment.
-    """
-
-    name: str
-    kind: FrameKind
-    light: Light
-    weights: Array | None = None
-
-
-def stage_lights(preset: Preset) -> tuple[Directional, ...]:
+def stage_lights(preset: StagePreset) -> tuple[Directional, ...]:
     """The stage lights, spread over the sphere, in an order that spreads the held-out ones as well."""
     directions = stage_directions(preset.lights)
     order = np.random.default_rng(7).permutation(preset.lights)
@@ -79,7 +67,7 @@ def environment(name: str, height: int) -> Environment:
     return raw.scaled(4.0 * ENVIRONMENT_IRRADIANCE / luminance)  # mean irradiance over directions is a quarter of it
 
 
-def lightings(preset: Preset) -> tuple[Lighting, ...]:
+def lightings(preset: StagePreset) -> tuple[Lighting, ...]:
     """Every lighting of a preset: single lights, groups of trained lights, the full stage, environments."""
     lights = stage_lights(preset)
     identity = np.eye(preset.lights)
@@ -98,3 +86,18 @@ def lightings(preset: Preset) -> tuple[Lighting, ...]:
 def _combined(name: str, kind: FrameKind, lights: tuple[Directional, ...], weights: Array) -> Lighting:
     members = tuple(light.scaled(w) for light, w in zip(lights, weights, strict=True) if w > 0)
     return Lighting(name, kind, Group(members), weights)
+
+
+def production(preset: StagePreset) -> Production:
+    """The light stage of a preset: subjects in poses of their own, before every camera and in every light."""
+    hand = OpenHand.load()
+    seen, lit = cameras(preset), lightings(preset)
+
+    def performance(subject: Subject, k: int) -> Performance:
+        segment = "train" if k < preset.train_poses else "held-out"
+        return Performance(subject, f"pose-{k}", pose(hand, subject, k), (Shot(segment, seen, lit),))
+
+    people = [person(i, hand) for i in range(preset.subjects)]
+    poses = range(preset.train_poses + preset.held_out_poses)
+    performances = tuple(performance(subject, k) for subject in people for k in poses)
+    return Production(preset, hand, seen, lit, performances, "tracked", preset.tracked_level)

@@ -1,0 +1,247 @@
+"""One capture made by several processes is the one that a single process makes, whoever is stopped on the way."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handbench.bench import making
+from handbench.claims import claim
+from handbench.cli import main
+from handbench.data.openstage import PRESETS, capture_folder
+from handbench.data.openstage import make as module
+from handbench.data.openstage.capture import OpenCapture
+from handbench.data.openstage.make import make
+from handbench.data.openstage.plans import production
+from handbench.data.openstage.trace.pathtrace import PathTracer, TracedSurface
+from handbench.errors import InputError, StorageError
+from handbench.scene import Camera, Light
+from handbench.shards import Shard
+
+TINY = replace(
+    PRESETS["openstage"]["mini"],
+    subjects=2,
+    train_poses=2,
+    held_out_poses=0,
+    cameras=("dorsal",),
+    lights=2,
+    held_out_lights=1,
+    environments=("hall",),
+    height=16,
+    width=12,
+    spp=32,
+    truth_level=0,
+    tracked_level=0,
+    skin_size=64,
+)
+
+PLAN = production(TINY)
+
+
+class Quick(PathTracer):
+    """Draws in no time: who made a capture, and how often, is asked here, not what is in it."""
+
+    def __init__(self, variant: str) -> None:
+        pass
+
+    def render(self, surface: TracedSurface, camera: Camera, lights: Sequence[Light], *_: Any, **__: Any) -> np.ndarray:
+        alpha = self.gbuffer(surface, camera, 4).alpha
+        return np.stack([alpha[..., None] * (surface.albedo.mean((0, 1)) + i) for i, _ in enumerate(lights)])
+
+
+@pytest.fixture(autouse=True, scope="module")
+def quick() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "PathTracer", Quick)
+        patch.setattr(module, "choose_variant", lambda: "scalar_rgb")
+        yield
+
+
+PATIENCE = 120.0  # seconds, after which a process hangs
+SCRIPT = """
+import sys
+from dataclasses import replace
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from test_making import PLAN, Quick
+from handbench.data.openstage import make as module
+module.PathTracer, module.choose_variant = Quick, lambda: "scalar_rgb"
+module.make(PLAN, Path(sys.argv[2]))
+"""
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny capture, made alone."""
+    folder = tmp_path_factory.mktemp("whole")
+    assert make(PLAN, folder) == ()
+    return folder
+
+
+def test_made_in_parts_it_is_the_same_byte_for_byte(whole: Path, tmp_path: Path) -> None:
+    left = []
+    for number in (3, 1, 2):
+        mine = {one.key for one in Shard(number, 3).of(PLAN.by_subject)}
+        left.append(len(make(PLAN, tmp_path, mine=mine)))
+        assert (tmp_path / "capture.json").exists() == (left[-1] == 0)
+    assert left[-1] == 0 and left == sorted(left, reverse=True)
+    assert content(tmp_path) == content(whole)
+
+
+def test_two_processes_never_make_the_same_view(whole: Path, tmp_path: Path) -> None:
+    other = _start(tmp_path)
+    while not (tmp_path / "begun.json").exists():
+        assert other.poll() is None
+        time.sleep(0.05)
+    make(PLAN, tmp_path)
+    assert other.wait(PATIENCE) == 0
+    assert content(tmp_path) == content(whole)
+
+
+def test_who_waits_takes_over_from_a_process_that_is_killed(whole: Path, tmp_path: Path) -> None:
+    code = f"""
+import sys, time
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from handbench.claims import claim
+from pathlib import Path
+with claim(Path({str(tmp_path)!r}) / 'claims' / 's01--pose-0') as ours:
+    print(ours, flush=True)
+    time.sleep({PATIENCE})
+"""
+    holder = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert holder.stdout is not None and holder.stdout.readline() == "True\n"
+    told: list[int] = []
+
+    def progress(step: int, total: int, **values: float) -> None:
+        told.append(step)
+        if step == total - 1:  # all but the claimed one
+            assert not (tmp_path / "s01/pose-0").exists()
+            holder.send_signal(signal.SIGKILL)
+            holder.wait()
+
+    assert make(PLAN, tmp_path, progress) == ()
+    assert told == [1, 2, 3, 4]
+    assert content(tmp_path) == content(whole)
+
+
+def test_a_disk_that_fills_leaves_nothing_half_written(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from handbench.data.openstage import performance
+
+    real, calls = performance.write_exr, []
+
+    def full(path: Path, channels: dict) -> None:
+        calls.append(path)
+        if len(calls) == 5:
+            raise OSError(28, "No space left on device")
+        real(path, channels)
+
+    monkeypatch.setattr(performance, "write_exr", full)
+    with pytest.raises(StorageError, match="the disk is full"):
+        make(PLAN, tmp_path)
+    assert not list(tmp_path.rglob("*.part")) and not (tmp_path / "capture.json").exists()
+    monkeypatch.undo()
+    make(PLAN, tmp_path)
+    assert content(tmp_path) == content(whole)
+
+
+def test_a_folder_begun_with_another_preset_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "begun.json").write_text(json.dumps({"recipe": "of old", "variant": "llvm_ad_rgb"}))
+    with pytest.raises(InputError, match="was begun with another preset or generator"):
+        make(PLAN, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda m: m["preset"].update(spp=5), r"the preset in .* was edited.*: handbench data make openstage --size"),
+        (lambda m: m.update(generator=1), "was made by generator 1, .*: handbench data make openstage --size mini"),
+        (lambda m: m["subjects"][0]["poses"][0]["shots"][0].update(cameras=["../x"]), "none of its cameras"),
+        (lambda m: m["subjects"][0]["poses"][0].update(estimate={"joints": 3}), "damaged"),
+    ],
+)
+def test_an_edited_or_old_capture_is_one_sentence(
+    whole: Path, tmp_path: Path, change: Callable[[dict], None], told: str
+) -> None:
+    tmp_path.rmdir()
+    shutil.copytree(whole, tmp_path)
+    manifest = json.loads((whole / "capture.json").read_text())
+    change(manifest)
+    (tmp_path / "capture.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match=told):
+        OpenCapture(tmp_path)
+
+
+def test_the_command_makes_shards(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(PRESETS["openstage"], "mini", TINY)
+    monkeypatch.setattr(making, "_production", lambda capture, size: PLAN)
+    command = ["data", "make", "openstage", "--size", "mini", "--folder", str(tmp_path)]
+    assert main([*command, "--shard", "1/2"]) == 0
+    assert "not there yet, of other shards: 2 poses" in capsys.readouterr().out
+    assert main([*command, "--shard=2/2"]) == 0
+    assert f"openstage-mini: 16 frames, digest {TINY.recipe}" in capsys.readouterr().out
+    assert content(capture_folder("mini", tmp_path)) == content(whole)
+
+
+def test_a_part_is_made_by_a_task_of_a_cluster(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(PRESETS["openstage"], "mini", TINY)
+    monkeypatch.setattr(making, "_production", lambda capture, size: PLAN)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # which a task sets for good
+    monkeypatch.setattr("handbench.bench.cluster._PATIENCE", 0.1)
+    parts = [("openstage", "mini", tmp_path, 1, Shard(i, 3)) for i in (2, 3, 1)]
+    with pytest.raises(InputError, match=r"node \S+ does not see .*openstage-mini-.* a disk that all nodes share"):
+        making._task(*parts[0])
+    capture_folder("mini", tmp_path).mkdir()
+    assert [len(making._task(*part)) for part in parts] == [2, 1, 0]
+    assert content(capture_folder("mini", tmp_path)) == content(whole)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["openstage", "--shard", "3/2"], "shard 3/2 does not exist"),
+        (["openstage", "--executor", "rye"], "unknown executor 'rye'; did you mean 'ray'?"),
+        (["openstage", "--cpus", "2"], "--executor ray only"),
+        (["openstage", "--executor", "ray", "--shard", "1/2"], "a shard is made by one process"),
+        (["openstag", "--shard", "1/2"], "unknown capture 'openstag'; did you mean 'openstage'?"),
+        (["openstage", "--size", "hug", "--shard", "1/2"], "unknown openstage size 'hug'"),
+    ],
+)
+def test_what_cannot_be_asked_is_one_sentence(
+    arguments: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["data", "make", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert told in error and error.count("\n") == 1
+
+
+def test_a_claim_whose_folder_goes_is_taken_in_a_new_one(tmp_path: Path) -> None:
+    place = tmp_path / "claims"
+    for _ in range(3):
+        with claim(place / "one") as ours:
+            assert ours
+        place.rmdir()
+
+
+def _start(folder: Path) -> subprocess.Popen[bytes]:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    return subprocess.Popen([sys.executable, "-c", SCRIPT, str(Path(__file__).parent), str(folder)], env=environment)
