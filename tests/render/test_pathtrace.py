@@ -2,43 +2,46 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
-import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 import pytest
 
-from handbench.data.openstage.trace.llvm import VECTORISED, choose_variant
-from handbench.data.openstage.trace.mitsuba_scene import emitter, sensor, shape
+from handbench.data.openstage.trace.llvm import choose_variant
+from handbench.data.openstage.trace.mitsuba_scene import emitter, lobes, matte, sensor, shape
 from handbench.data.openstage.trace.pathtrace import PathTracer, TracedSurface, displace
 from handbench.errors import InputError
 from handbench.light.environment import directions, solid_angles
-from handbench.scene import Camera, Directional, Environment, Group, Mesh, Point, Topology
+from handbench.scene import Camera, Directional, Environment, Group, Light, Mesh, Point, Topology
 
 
 @pytest.fixture(scope="module")
 def tracer() -> PathTracer:
-    return PathTracer(choose_variant())
+    return PathTracer()
 
 
 def book(fold: float, albedo: float = 0.6, specular: float = 0.42, roughness: float = 0.4) -> TracedSurface:
-    """Two unit pages that meet along the y axis, each lifted by `fold` radians towards +z; a plane for 0."""
+    """Two pages, 1 x 2, that meet along the y axis, each lifted by `fold` radians towards +z; a plane for 0."""
     c, s = np.cos(fold), np.sin(fold)
-    vertices = np.array([[-c, -1, s], [0, -1, 0], [c, -1, s], [-c, 1, s], [0, 1, 0], [c, 1, s]], float)
-    left, right = [[0, 1, 4], [0, 4, 3]], [[1, 2, 5], [1, 5, 4]]
-    if fold:  # pages with an edge of their own, so normals are not smoothed across it
-        vertices = np.concatenate([vertices, vertices[[1, 4]]])
-        right = [[6, 2, 5], [6, 5, 7]]
-    faces = np.array(left + right)
+    across, along = np.meshgrid(np.linspace(0, 1, 41), np.linspace(-1, 1, 81))
+    pages = [np.stack([side * c * across, along, s * across], axis=-1).reshape(-1, 3) for side in (-1, 1)]
+    vertices = np.concatenate(pages)  # each page has an edge of its own, so normals are not smoothed over it
+    i = np.arange(across.size).reshape(across.shape)
+    a, b, d, e = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
+    page = np.concatenate([np.stack([a, b, e], axis=1), np.stack([a, e, d], axis=1)])
+    faces = np.concatenate([page[:, ::-1], page + across.size])
     uvs = np.stack([(vertices[:, 0] / c + 1) / 2, (vertices[:, 1] + 1) / 2], axis=1)
     rows = np.linspace(0.3, 1.0, 16)[:, None, None] * np.ones((1, 16, 3)) * [1.0, 0.8, 0.6]
     texture = albedo * (rows if fold else np.ones((16, 16, 3)))
-    waves = 0.02 * np.sin(np.arange(16))[None, :] * np.ones((16, 1)) if fold else None
-    mesh = Mesh(vertices, Topology(faces, uvs, faces))
-    return TracedSurface(mesh, texture, np.full((16, 16), roughness), specular=specular, bump=waves)
+    waves = 0.02 * np.sin(np.arange(128) / 8)[None, :] * np.ones((128, 1)) if fold else None
+    return TracedSurface(
+        Mesh(vertices, Topology(faces, uvs, faces)), texture, np.full((16, 16), roughness), specular, waves
+    )
 
 
 def camera(width: int = 24, height: int = 20, distance: float = 4.0) -> Camera:
@@ -66,52 +69,35 @@ LIGHTS = (
 )
 
 
-def mitsuba_path(surface: TracedSurface, light: object, spp: int, max_depth: int) -> np.ndarray:
-    """Mitsuba's `path` integrator on the same scene, each page a shape of its own making."""
-    scene = {
-        "type": "scene",
-        "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": 1000, "hide_emitters": True},
-        "sensor": sensor(camera()),
-        "emitter": emitter(light),  # type: ignore[arg-type]
-        "shape": shape(surface),
-    }
-    return np.array(mi.render(mi.load_dict(scene), spp=spp))[..., :3]
-
-
-@pytest.mark.parametrize("max_depth", [2, 4])
-def test_multilight_agrees_with_mitsuba_path(tracer: PathTracer, max_depth: int) -> None:
-    if mi.variant() != VECTORISED:
-        pytest.skip("scalar_rgb renders with Mitsuba's integrator itself")
-    surface = book(0.9)
-    images = tracer.render(surface, camera(), LIGHTS, spp=1024, seed=1, max_depth=max_depth)
-    for light, image in zip(LIGHTS, images, strict=True):
-        reference = mitsuba_path(surface, light, 2048, max_depth)
+@pytest.mark.parametrize(
+    ("surface", "lights", "max_depth"),
+    [
+        (book(0.9, specular=0.0), LIGHTS, 4),
+        (book(0.9, albedo=0.0, specular=1.0), LIGHTS[1:], 2),
+        (replace(book(0.9, albedo=0.0, specular=1.0, roughness=0.15), bump=None), LIGHTS[:1], 2),
+    ],
+    ids=["matte", "lobes", "sharp lobes"],
+)
+def test_surfaces_look_as_mitsuba_renders_them(
+    tracer: PathTracer, surface: TracedSurface, lights: tuple[Light, ...], max_depth: int
+) -> None:
+    """Mitsuba's `path` integrator with its own BSDFs on the same scene."""
+    mi.set_variant(choose_variant())
+    bsdf = matte if surface.specular == 0 else lobes
+    images = tracer.render(surface, camera(), lights, spp=192, seed=1, max_depth=max_depth)
+    for light, image in zip(lights, images, strict=True):
+        scene = {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": 1000, "hide_emitters": True},
+            "sensor": sensor(camera()),
+            "emitter": emitter(light),
+            "shape": shape(surface.mesh, bsdf=bsdf(surface)),
+        }
+        reference = np.array(mi.render(mi.load_dict(scene), spp=512))[..., :3]
         inside = reference.min(axis=2) > 0.05 * reference.max()
-        assert inside.sum() > 80
-        # shadow edges fall on 4 x 4 places in a pixel, so only their sum is a little off
-        assert image.sum() == pytest.approx(reference.sum(), rel=0.03)
+        assert image.sum() == pytest.approx(reference.sum(), rel=0.06)
         error = np.abs(image - reference)[inside] / reference[inside]
-        assert np.median(error) < 0.02
-
-
-def test_scalar_variant_gives_the_same_picture() -> None:
-    """In a process of its own, as variants do not mix: every kind of light, same pixels within noise."""
-    if choose_variant() != VECTORISED:
-        pytest.skip("only scalar_rgb works here")
-    program = (
-        "import sys; sys.path.insert(0, sys.argv[1])\n"
-        "import numpy as np, test_pathtrace as t\n"
-        "tracer = t.PathTracer('scalar_rgb')\n"
-        "np.save(sys.argv[2], tracer.render(t.book(0.9), t.camera(), t.LIGHTS, spp=256, seed=0))\n"
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "scalar.npy"
-        subprocess.run([sys.executable, "-c", program, str(Path(__file__).parent), str(path)], check=True)
-        scalar = np.load(path)
-    images = PathTracer(VECTORISED).render(book(0.9), camera(), LIGHTS, spp=256, seed=0)
-    for one, many in zip(scalar, images, strict=True):
-        inside = one.min(axis=2) > 0.1 * one.max()
-        assert np.median(np.abs(one - many)[inside] / one[inside]) < 0.04
+        assert np.median(error) < (0.08 if isinstance(light, Environment) else 0.01)  # both have noise under the sky
 
 
 def test_interreflection_adds_light_in_the_fold(tracer: PathTracer) -> None:
@@ -122,17 +108,10 @@ def test_interreflection_adds_light_in_the_fold(tracer: PathTracer) -> None:
 
 @pytest.mark.parametrize("direction", [towards(0, 0, 1), towards(0.3, -0.5, 1.0)])
 def test_lambert_plane_reflects_albedo_over_pi(tracer: PathTracer, direction: np.ndarray) -> None:
-    """Without specular and at the roughness where Burley's diffuse lobe is flattest, E cos / pi within its bounds."""
     albedo, irradiance = 0.5, np.array([3.0, 1.0, 0.5])
-    surface = book(0.0, albedo=albedo, specular=0.0, roughness=0.5)
+    surface = book(0.0, albedo=albedo, specular=0.0)
     image = tracer.render(surface, camera(), [Directional(direction, irradiance)], 16, 0)[0]
-    expected = albedo / np.pi * irradiance * direction[2]
-    # Burley: (1 + (Fd90 - 1)(1 - cos_i)^5) (1 + (Fd90 - 1)(1 - cos_o)^5), Fd90 = 1/2 + 2 roughness cos_d^2
-    wo = towards(0, 0, 1)
-    half = towards(*(direction + wo))
-    fd90 = 0.5 + 2 * 0.5 * (half @ wo) ** 2
-    expected *= 1 + (fd90 - 1) * (1 - direction[2]) ** 5
-    assert image[9, 13] == pytest.approx(expected, rel=2e-3)
+    assert image[9, 13] == pytest.approx(albedo / np.pi * irradiance * direction[2], rel=1e-4)
 
 
 def test_light_from_behind_is_dark(tracer: PathTracer) -> None:
@@ -145,9 +124,32 @@ def test_group_is_the_sum_of_its_members(tracer: PathTracer) -> None:
     np.testing.assert_array_equal(both[1], both[0] + both[2])
 
 
-def test_seed_repeats_and_differs(tracer: PathTracer) -> None:
-    first, again, other = (tracer.render(book(0.9), camera(), [sky()], 16, s)[0] for s in (5, 5, 6))
-    np.testing.assert_allclose(first, again, rtol=1e-4, atol=1e-6)  # threads add in any order
+def test_images_of_a_light_do_not_depend_on_the_others(tracer: PathTracer) -> None:
+    surface = replace(book(0.9), mean_free_path=np.array([0.3, 0.1, 0.05]))
+    together = tracer.render(surface, camera(), LIGHTS, 48, 3)
+    for light, image in zip(LIGHTS, together, strict=True):
+        np.testing.assert_array_equal(tracer.render(surface, camera(), [light], 48, 3)[0], image)
+
+
+def test_pictures_are_equal_to_the_bit_in_another_process_with_other_threads(tmp_path: Path) -> None:
+    program = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "import numpy as np, test_pathtrace as t\n"
+        "surface = t.replace(t.book(0.9), mean_free_path=np.array([0.3, 0.1, 0.05]))\n"
+        "np.save(sys.argv[2], t.PathTracer().render(surface, t.camera(), t.LIGHTS, spp=48, seed=0))\n"
+    )
+    found = []
+    for threads in ("1", "3"):
+        path = tmp_path / f"{threads}.npy"
+        names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "TBB_NUM_THREADS")
+        environment = {**os.environ, **dict.fromkeys(names, threads)}
+        subprocess.run([sys.executable, "-c", program, str(Path(__file__).parent), path], check=True, env=environment)
+        found.append(np.load(path))
+    np.testing.assert_array_equal(*found)
+
+
+def test_another_seed_has_other_noise(tracer: PathTracer) -> None:
+    first, other = (tracer.render(book(0.9), camera(), [sky()], 16, seed)[0] for seed in (5, 6))
     assert np.abs(first - other).max() > 1e-3
 
 
@@ -178,10 +180,10 @@ def _homogeneous(rotation: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def test_constant_environment_is_noise_free_on_a_white_plane(tracer: PathTracer) -> None:
-    """A map without bright texels is found by BSDF sampling alone; its mean is the white-furnace reflectance."""
-    image = tracer.render(book(0.0, 1.0, 0.0), camera(), [Environment("white", np.ones((8, 16, 3)))], 256, 0)[0]
-    assert image[9, 13] == pytest.approx(np.ones(3), rel=0.08)
+@pytest.mark.parametrize("specular", [0.0, 0.42])
+def test_a_white_plane_returns_an_even_sky(tracer: PathTracer, specular: float) -> None:
+    image = tracer.render(book(0.0, 1.0, specular), camera(), [Environment("white", np.ones((8, 16, 3)))], 384, 0)[0]
+    assert image[9, 13] == pytest.approx(np.ones(3), rel=0.01)
 
 
 def test_textures_are_not_flipped(tracer: PathTracer) -> None:
@@ -210,12 +212,15 @@ def test_gbuffer_is_where_the_plane_is(tracer: PathTracer) -> None:
 
 
 def test_displace_moves_along_normals_and_keeps_seams_closed() -> None:
-    surface = book(0.0)
-    topology = surface.mesh.topology
+    across, along = np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 1.0])
+    vertices = np.stack([across, along, 0 * across], axis=-1).reshape(-1, 3)
+    topology = Topology(
+        faces := np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]]), (vertices[:, :2] + 1) / 2, faces
+    )
     split = Topology(topology.faces, np.concatenate([topology.uvs, topology.uvs * 0.5]), topology.uv_faces.copy())
     uv_faces = np.array(split.uv_faces)
     uv_faces[2:] += len(topology.uvs)  # the right page reads another place of the map
-    mesh = Mesh(surface.mesh.vertices, Topology(topology.faces, split.uvs, uv_faces))
+    mesh = Mesh(vertices, Topology(topology.faces, split.uvs, uv_faces))
 
     class Bump:
         displacement = np.tile(np.linspace(0.0, 0.1, 64), (64, 1))
@@ -227,6 +232,7 @@ def test_displace_moves_along_normals_and_keeps_seams_closed() -> None:
     assert middle == pytest.approx((0.05 + 2 * 0.025) / 3, abs=2e-3)  # one face on the left, two on the right
 
 
-def test_unknown_variant_is_refused() -> None:
-    with pytest.raises(InputError, match="cuda_rgb"):
-        PathTracer("cuda_rgb")
+@pytest.mark.parametrize(("spp", "max_depth"), [(0, 4), (16, 1)])
+def test_too_few_samples_or_segments_are_refused(tracer: PathTracer, spp: int, max_depth: int) -> None:
+    with pytest.raises(InputError, match=f"spp {spp} .*max_depth {max_depth} "):
+        tracer.render(book(0.0), camera(), LIGHTS, spp, 0, max_depth)

@@ -1,12 +1,10 @@
-"""Surfaces, cameras and lights as Mitsuba describes them.
+"""Surfaces, cameras and lights as Mitsuba describes them: what the tracer is held to.
 
-The surface is the principled BSDF of Burley ("Physically Based Shading at Disney", 2012) with textured base colour
-and roughness, no transmission, and fine relief by bump mapping.
+Mitsuba is used to check pictures, never to make them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, assert_never
 
 import mitsuba as mi
@@ -15,26 +13,8 @@ import numpy as np
 from ....errors import InputError
 from ....render.uv.surface import mesh_normals
 from ....scene import Array, Camera, Directional, Environment, Known, Mesh, Point
-
-
-@dataclass(frozen=True, eq=False)
-class TracedSurface:
-    """What is traced: a mesh with smooth normals, albedo (R, R, 3) linear, roughness (R, R); row 0 = top.
-
-    normals (V, 3): smooth vertex normals, computed from the faces if None. specular: the principled BSDF's
-    reflectance knob (0.42 is an index of refraction of 1.45, dry skin). bump (R, R): relief in
-    metres too fine for the mesh, which tilts the shading normal. mean_free_path (R, R, 3) or (3,): how far light
-    travels under the surface, the diffuse mean free path in metres per channel, 0 where nothing scatters; None: light
-    leaves where it arrives (the surface model).
-    """
-
-    mesh: Mesh
-    albedo: Array
-    roughness: Array
-    normals: Array | None = None
-    specular: float = 0.42
-    bump: Array | None = None
-    mean_free_path: Array | None = None
+from .gloss import BROADER, WEIGHTS
+from .surface import TracedSurface
 
 
 def sensor(camera: Camera) -> dict[str, Any]:
@@ -88,45 +68,51 @@ def emitter(light: Known) -> dict[str, Any]:
             assert_never(light)
 
 
-def shape(surface: TracedSurface) -> Any:
-    """A Mitsuba mesh: vertices are repeated where one has several UVs."""
-    topology = surface.mesh.topology
+def shape(mesh: Mesh, **properties: Any) -> Any:
+    """A Mitsuba mesh with smooth normals and properties like its bsdf; vertices are repeated for several UVs."""
+    topology = mesh.topology
     uvs, uv_faces = topology.unwrapped
     pairs = topology.faces.ravel().astype(np.int64) * len(uvs) + uv_faces.ravel()
     unique, corner = np.unique(pairs, return_inverse=True)
     vertex, uv = unique // len(uvs), unique % len(uvs)
-    normals = surface.normals
-    if normals is None:
-        normals = mesh_normals(surface.mesh)
-    properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(_bsdf(surface))
-    mesh = mi.Mesh(
-        "surface",
-        len(unique),
-        len(topology.faces),
-        has_vertex_normals=True,
-        has_vertex_texcoords=True,
-        props=properties,
+    given = mi.Properties()
+    for name, value in properties.items():
+        given[name] = mi.load_dict(value)
+    made = mi.Mesh(
+        "surface", len(unique), len(topology.faces), has_vertex_normals=True, has_vertex_texcoords=True, props=given
     )
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = surface.mesh.vertices[vertex].astype(np.float32).ravel()
-    parameters["vertex_normals"] = normals[vertex].astype(np.float32).ravel()
+    parameters = mi.traverse(made)
+    parameters["vertex_positions"] = mesh.vertices[vertex].astype(np.float32).ravel()
+    parameters["vertex_normals"] = mesh_normals(mesh)[vertex].astype(np.float32).ravel()
     parameters["vertex_texcoords"] = uvs[uv].astype(np.float32).ravel()
     parameters["faces"] = corner.astype(np.uint32).ravel()
     parameters.update()
-    return mesh
+    return made
 
 
-def _bsdf(surface: TracedSurface) -> dict[str, Any]:
-    smooth = {
-        "type": "principled",
-        "base_color": _texture(surface.albedo),
-        "roughness": _texture(surface.roughness[..., None]),
-        "specular": float(surface.specular),
+def matte(surface: TracedSurface) -> dict[str, Any]:
+    """The surface without lobes: Lambert's reflection of its albedo, with its relief."""
+    return _with_relief(surface, {"type": "diffuse", "reflectance": _texture(surface.albedo)})
+
+
+def lobes(surface: TracedSurface) -> dict[str, Any]:
+    """The surface without pigment: its two specular lobes, with its relief."""
+    both = {
+        f"lobe_{k}": {
+            "type": "principled",
+            "base_color": {"type": "rgb", "value": 0.0},
+            "roughness": _texture(np.minimum(surface.roughness * wide, 1.0)[..., None]),
+            "specular": float(surface.specular),
+        }
+        for k, wide in enumerate((1.0, BROADER))
     }
+    return _with_relief(surface, {"type": "blendbsdf", "weight": WEIGHTS[1], **both})
+
+
+def _with_relief(surface: TracedSurface, bsdf: dict[str, Any]) -> dict[str, Any]:
     if surface.bump is None:
-        return smooth
-    return {"type": "bumpmap", "relief": _texture(surface.bump[..., None]), "bsdf": smooth}
+        return {"type": "twosided", "bsdf": bsdf}
+    return {"type": "bumpmap", "relief": _texture(surface.bump[..., None]), "bsdf": bsdf}
 
 
 def _texture(image: Array) -> dict[str, Any]:

@@ -1,7 +1,7 @@
-"""The path-traced reference: a textured surface under many lights, with interreflection (Mitsuba 3).
+"""The truth: a textured surface under many lights, with light that wanders under it and between its parts.
 
-`llvm_ad_rgb` renders all lights in one wavefront (`multilight`); `scalar_rgb`, for machines without LLVM, runs
-Mitsuba's own `path` integrator light by light.
+Light is worked out at the vertices once for all cameras (`bake`); a picture interpolates it and adds what the surface
+mirrors (`view`). Rays are Embree's, sums have a fixed order: the same call gives the same bits.
 """
 
 from __future__ import annotations
@@ -9,30 +9,27 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
 
-import mitsuba as mi
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from ....errors import InputError
 from ....render.see.raster import Raster, rasterise
-from ....render.uv.surface import mesh_normals
-from ....scene import Array, Camera, Known, Light, Mesh, known_leaves, leaves
-from .llvm import SCALAR, VECTORISED, choose_variant
-from .mitsuba_scene import TracedSurface, emitter, sensor, shape
+from ....scene import Array, Camera, Environment, Known, Light, known_leaves, leaves
+from .bake import Lit, Posed, lit
+from .llvm import choose_variant
+from .skies import Sky, sky
+from .surface import TracedSurface, displace
+from .view import View, picture
 
 __all__ = ["GBuffer", "PathTracer", "TracedSurface", "choose_variant", "displace"]
 
 GRID = 4
 """Places in a pixel: a regular GRID x GRID, so that coverage is the same in images and geometry."""
 
+_SAMPLES = 400_000
+"""Places of a picture shaded at once: with all their state about 1 GB."""
 
-class Displaced(Protocol):
-    """Anything with a displacement map (R, R), metres along the normal, row 0 = top."""
-
-    @property
-    def displacement(self) -> Array: ...
+_PER_RAY = 48
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,25 +42,14 @@ class GBuffer:
     uv: Array
 
 
-_PATHS = 8_000_000
-"""Camera paths traced at once: with all their state about 2 GB."""
-
-
 class PathTracer:
-    """Renders surfaces; keeps the scene of the last surface, so cameras of one pose share it."""
+    """Renders surfaces; keeps the light on the last surface, so cameras of one pose share it."""
 
-    def __init__(self, variant: str) -> None:
-        if variant not in (VECTORISED, SCALAR):
-            raise InputError(f"path tracer: unknown variant {variant!r}; use {VECTORISED!r} or {SCALAR!r}")
-        mi.set_variant(variant)
-        self._variant = variant
-        self._surface: TracedSurface | None = None
-        self._shape: Any = None
-        self._scene: Any = None
-        if variant == VECTORISED:
-            from .multilight import MultiLight
-
-            self._multilight = MultiLight()
+    def __init__(self, variant: str = "") -> None:
+        self._posed: Posed | None = None
+        self._lit: Lit | None = None
+        self._key: tuple[object, ...] = ()
+        self._skies: dict[tuple[int, float], tuple[Environment, Sky]] = {}
 
     def render(
         self,
@@ -74,76 +60,65 @@ class PathTracer:
         seed: int,
         max_depth: int = 4,
     ) -> Array:
-        """Images (len(lights), H, W, 3) float32, linear, premultiplied over black.
+        """Images (len(lights), H, W, 3) float32, linear, premultiplied over black; exactly additive over lights.
 
-        spp is rounded up to a multiple of GRID², the places in a pixel; each place asks delta lights once, all samples
-        feed environments and interreflection. max_depth counts segments as Mitsuba does: 2 is direct light, 4 adds
-        two interreflections. A group is the sum of its members' images.
-        Raises `Unsupported` for an unknown light.
+        spp is spent on what the surface mirrors: a ray and a sample of each environment in every of the GRID² places
+        of a pixel for each 48 samples; diffuse light has no noise from it. max_depth counts segments of
+        paths: 2 is direct light, 4 adds two interreflections. A group is the sum of its members' images.
+        Raises `Unsupported` for an unknown light, `InputError` for spp or max_depth that are too small.
         """
-        singles = [leaf for light in lights for leaf in known_leaves(light)]
-        box = camera.box(surface.mesh.vertices)
-        images = np.zeros((len(lights), camera.height, camera.width, 3), np.float32)
-        if not singles or not box.pixels:
-            return images
-        mi.set_variant(self._variant)
-        self._load(surface)
-        x0, y0, x1, y1 = box
-        if self._variant == VECTORISED:
-            rows = max(1, _PATHS // (spp * (x1 - x0)))
-            bands = [(x0, top, x1, min(top + rows, y1)) for top in range(y0, y1, rows)]
-            strips = [
-                self._multilight.render(self._scene, camera, band, singles, spp, seed + i, max_depth, GRID)
-                for i, band in enumerate(bands)
+        if spp < 1 or max_depth < 2:
+            raise InputError(f"path tracer: spp {spp} must be at least 1 and max_depth {max_depth} at least 2")
+        singles = tuple(leaf for light in lights for leaf in known_leaves(light))
+        images = np.zeros((len(lights), camera.height * camera.width, 3), np.float32)
+        if singles and camera.box(surface.mesh.vertices).pixels:
+            posed = self._pose(surface)
+            skies = [
+                self._sky(light, surface.specular) if isinstance(light, Environment) else None for light in singles
             ]
-            found = np.concatenate(strips, axis=1)
-        else:
-            found = np.stack([self._render_one(camera, one, spp, seed, max_depth) for one in singles])
-            found = found[:, y0:y1, x0:x1]
-        parts = iter(found)
-        for image, light in zip(images, lights, strict=True):
-            for _ in leaves(light):
-                image[y0:y1, x0:x1] += next(parts)
-        return images
+            found = self._light(posed, singles, skies, max_depth - 2, seed)
+            raster = rasterise(posed.mesh, camera, GRID)
+            for samples in _bands(raster):
+                view = View(posed, raster, samples)
+                parts = iter(picture(view, found, skies, max(1, round(spp / _PER_RAY)), seed).astype(np.float32))
+                for image, light in zip(images, lights, strict=True):
+                    for _ in leaves(light):
+                        image[view.pixels] += next(parts)
+        return images.reshape(len(lights), camera.height, camera.width, 3)
 
     def gbuffer(self, surface: TracedSurface, camera: Camera, spp: int) -> GBuffer:
         """Coverage and geometry averaged over the covered of sqrt(spp)² samples; uv from the one nearest the centre."""
-        raster = rasterise(surface.mesh, camera, max(1, math.isqrt(spp)))
+        mesh = self._posed.mesh if self._posed and self._posed.surface is surface else surface.mesh
+        raster = rasterise(mesh, camera, max(1, math.isqrt(spp)))
         return GBuffer(raster.alpha, raster.normal_map, raster.depth_map, _central_uv(raster))
 
-    def _load(self, surface: TracedSurface) -> None:
-        if surface is not self._surface:
-            self._shape = shape(surface)
-            self._scene = mi.load_dict({"type": "scene", "shape": self._shape})
-            self._surface = surface
+    def _pose(self, surface: TracedSurface) -> Posed:
+        if self._posed is None or self._posed.surface is not surface:
+            self._posed, self._lit = Posed(surface), None
+        return self._posed
 
-    def _render_one(self, camera: Camera, light: Known, spp: int, seed: int, max_depth: int) -> Array:
-        """One light with Mitsuba's `path` integrator."""
-        scene = mi.load_dict(
-            {
-                "type": "scene",
-                "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": 1000, "hide_emitters": True},
-                "sensor": sensor(camera),
-                "emitter": emitter(light),
-                "shape": self._shape,
-            }
-        )
-        return np.asarray(mi.render(scene, spp=spp, seed=mi.UInt32(seed)), dtype=np.float32)[..., :3]
+    def _light(
+        self, posed: Posed, lights: tuple[Known, ...], skies: Sequence[Sky | None], bounces: int, seed: int
+    ) -> Lit:
+        key = (*map(id, lights), bounces, seed)
+        if self._lit is None or self._key != key:
+            self._lit, self._key = lit(posed, lights, skies, bounces, seed), key
+        return self._lit
+
+    def _sky(self, environment: Environment, specular: float) -> Sky:
+        """Tables of a map, kept for as long as it is among the lights."""
+        key = (id(environment), specular)
+        if key not in self._skies:
+            self._skies[key] = environment, sky(environment, specular)
+        return self._skies[key][1]
 
 
-def displace(mesh: Mesh, skin: Displaced) -> Mesh:
-    """The mesh with its vertices moved along their smooth normals by the displacement read at their UVs (bilinear).
-
-    A vertex with several UVs, on a seam, moves by the mean over its faces, so the surface stays closed.
-    """
-    size = skin.displacement.shape[0]
-    uvs, uv_faces = mesh.topology.unwrapped
-    at = np.stack([(1 - uvs[:, 1]) * size - 0.5, uvs[:, 0] * size - 0.5])
-    read = map_coordinates(np.asarray(skin.displacement, np.float64), at, order=1, mode="nearest")
-    corner = mesh.topology.faces.ravel()
-    count = np.bincount(corner, minlength=len(mesh.vertices))
-    total = np.bincount(corner, read[uv_faces.ravel()], minlength=len(mesh.vertices))
-    return Mesh(mesh.vertices + mesh_normals(mesh) * (total / np.maximum(count, 1))[:, None], mesh.topology)
+def _bands(raster: Raster) -> list[Array]:
+    """The samples in parts of whole pixels, each sorted by pixel."""
+    order = np.argsort(raster.pixel, kind="stable")
+    ends = np.flatnonzero(np.diff(raster.pixel[order], append=-1)) + 1
+    cuts = ends[np.searchsorted(ends, np.arange(_SAMPLES, len(order), _SAMPLES))]
+    return [part for part in np.split(order, np.unique(cuts)) if len(part)]
 
 
 def _central_uv(raster: Raster) -> Array:
