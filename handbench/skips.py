@@ -26,17 +26,19 @@ class Skips:
     dark_lights     lights without power
     faint_lights    the greatest share of a light's whole power that its faintest parts, left out together, may have
     below_horizon   texel-light pairs below the horizon
+    agreed          shadow rays of many lights at texels between others that agree
     uncovered       texels that no triangle covers
     unseen          texels that no pixel looks up, for methods that shade texel by texel
     occluded        blocks of texel-light pairs that are all in shadow
     missing_lobes   the specular lobe where a model or a method has none
-    outside_box     pixels outside the hand's box
+    outside_box     pixels outside the boxes of the hand's triangles
     known           what a posed avatar or surface worked out for earlier lights
     """
 
     dark_lights: bool = True
     faint_lights: float = 0.0
     below_horizon: bool = True
+    agreed: bool = True
     uncovered: bool = True
     unseen: bool = True
     occluded: bool = True

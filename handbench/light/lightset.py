@@ -11,7 +11,7 @@ from ..scene import Array, Directional, Environment, Light, Point, known_leaves
 from ..skips import note, skips
 from .environment import to_directional
 from .reduction import reduced
-from .spread import spread
+from .spread import CELLS, spread
 
 _BILLION = 10**9
 
@@ -22,12 +22,16 @@ class LightSet:
 
     Rows of visibility belong to the distant lights first, then to the near ones. To differentiate in the
     irradiance or the intensities, give them as torch tensors; shading takes both.
+
+    coarse (L,) bool: distant lights that each stand for a cell of an environment, so that their shadows need not be
+    sharp; None: there are none.
     """
 
     directions: Array
     irradiance: Array
     positions: Array
     intensities: Array
+    coarse: Array | None = None
 
     def __len__(self) -> int:
         return len(self.directions) + len(self.positions)
@@ -49,25 +53,42 @@ def light_samples(
     Raises `Unsupported` for an unknown light.
     """
     distant: list[tuple[Array, Array]] = []
+    coarse: list[Array] = []
     near: list[tuple[Array, Array]] = []
     for leaf in known_leaves(light):
         match leaf:
             case Environment():
                 distant.append(_environment(leaf, environment_size, environment_lights, environment_error))
+                few = environment_lights is None and environment_error > 0.0
+                coarse.append(np.arange(len(distant[-1][0])) < (CELLS if few else 0))
             case Directional():
                 distant.append((leaf.direction[None], leaf.irradiance[None]))
+                coarse.append(np.zeros(1, dtype=bool))
             case Point():
                 near.append((leaf.position[None], leaf.intensity[None]))
             case _:
                 assert_never(leaf)
-    parts = [_joined(distant), _joined(near)]
+    found = LightSet(*_joined(distant), *_joined(near), np.concatenate([np.zeros(0, dtype=bool), *coarse]))
     if skips().dark_lights:
-        total = sum(len(power) for _, power in parts)
-        parts = [(where[lit], power[lit]) for where, power in parts for lit in [power.any(axis=1)]]
-        note("lights", total, total - sum(len(power) for _, power in parts))
+        lit = _kept(found, found.irradiance.any(axis=1), found.intensities.any(axis=1))
+        note("lights", len(found), len(found) - len(lit))
+        found = lit
     if skips().faint_lights > 0.0:
-        parts[0] = _without_faint(*parts[0], skips().faint_lights)
-    return LightSet(*parts[0], *parts[1])
+        found = _kept(found, _not_faint(found.irradiance, skips().faint_lights))
+    return found
+
+
+def _kept(lights: LightSet, distant: Array, near: Array | None = None) -> LightSet:
+    """The distant lights (L,) bool and the near ones (P,) bool that are chosen; None: all near ones."""
+    assert lights.coarse is not None
+    chosen = slice(None) if near is None else near
+    return LightSet(
+        lights.directions[distant],
+        lights.irradiance[distant],
+        lights.positions[chosen],
+        lights.intensities[chosen],
+        lights.coarse[distant],
+    )
 
 
 def _environment(leaf: Environment, size: tuple[int, int], lights: int | None, error: float) -> tuple[Array, Array]:
@@ -82,8 +103,8 @@ def _joined(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
     return where, power
 
 
-def _without_faint(where: Array, power: Array, share: float) -> tuple[Array, Array]:
-    """The lights without the faintest, whose power together is at most `share` of the whole."""
+def _not_faint(power: Array, share: float) -> Array:
+    """The lights (L,) bool without the faintest, whose power together is at most `share` of the whole."""
     strength = power.sum(axis=1)
     order = np.argsort(strength, kind="stable")
     gone = np.cumsum(strength[order])
@@ -93,4 +114,4 @@ def _without_faint(where: Array, power: Array, share: float) -> tuple[Array, Arr
     admitted = gone[count - 1] / strength.sum() if count and strength.any() else 0.0
     note("faint lights", len(power), count)
     note("faint power (billionths)", _BILLION, int(np.ceil(admitted * _BILLION)))
-    return where[keep], power[keep]
+    return keep

@@ -129,6 +129,7 @@ class PosedReflectance(PosedAvatar):
         model: Model = prior.model if prior.specular or not skips().missing_lobes else "diffuse"
         self._shading = Shading(surface, viewpoint.camera.centre, model, self._raster)
 
+    @torch.no_grad()
     def relight(self, light: Light) -> Prediction:
         prior = self._prior
         lights = light_samples(light, environment_error=prior.config.environment_error)

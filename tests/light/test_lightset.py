@@ -5,6 +5,7 @@ import pytest
 
 from handbench.light.lightset import LightSet, light_samples
 from handbench.light.reduction import reduced
+from handbench.light.spread import CELLS
 from handbench.scene import Directional, Environment, Group, Light, Point
 from handbench.skips import NONE, Saved, Skips, skipping, tallied
 
@@ -115,3 +116,18 @@ def test_an_environment_as_a_number_of_lights() -> None:
 def test_environments_of_any_size_keep_their_power(size: tuple[int, int]) -> None:
     lights = light_samples(Environment("grey", np.full((*size, 3), 0.5)))
     assert len(lights) == 512 and np.allclose(lights.irradiance.sum(axis=0), 2 * np.pi, rtol=1e-6)
+
+
+def test_only_lights_that_stand_for_cells_are_coarse() -> None:
+    radiance = np.full((16, 32, 3), 0.1, np.float32)
+    radiance[4, 7] = 50.0
+    sun = Directional(np.array([0.0, 1.0, 0.0]), np.ones(3))
+    both = Group((sun, Environment("map", radiance)))
+    few = light_samples(both, environment_error=0.0025)
+    assert few.coarse is not None and few.coarse.sum() == CELLS and len(few.coarse) == len(few.directions)
+    assert not few.coarse[0] and not few.coarse[1 + CELLS :].any() and len(few.coarse) > 1 + CELLS  # the lone texels
+    for exact in (light_samples(both), light_samples(both, environment_lights=32), light_samples(sun)):
+        assert exact.coarse is not None and not exact.coarse.any()
+    with skipping(Skips(faint_lights=0.2)):
+        some = light_samples(both, environment_error=0.0025)
+    assert some.coarse is not None and 0 < some.coarse.sum() < CELLS and len(some.coarse) == len(some.directions)

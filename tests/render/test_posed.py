@@ -10,6 +10,7 @@ import torch
 
 from handbench.hand.openhand import OpenHand, named_pose
 from handbench.light.lightset import LightSet, light_samples
+from handbench.light.stage import stage_directions
 from handbench.render.see.shadowmap import soft_visibility
 from handbench.render.see.shadowstore import kept_on_disk
 from handbench.render.see.visibility import visibility
@@ -151,3 +152,18 @@ def test_some_texels_see_what_they_see_among_all(mesh: Mesh, tmp_path: Path, tra
                 assert torch.equal(surface.visibility(LIGHTS, soft, texels), everything[:, texels])
     assert posed.visibility(LIGHTS, soft, some[:0]).shape == (3, 0)
     assert traced == [3, 3, 3, 3]
+
+
+def test_coarse_lights_are_filled_in_and_others_are_not(mesh: Mesh, tmp_path: Path) -> None:
+    towards = stage_directions(30)
+    coarse = np.arange(30) < 20
+    lights = LightSet(towards, np.ones((30, 3)), np.zeros((0, 3)), np.zeros((0, 3)), coarse)
+    exact = visibility(mesh, PosedSurface(mesh, 64).atlas, towards)
+    with kept_on_disk(tmp_path, 1 << 20):
+        posed = PosedSurface(mesh, 64)
+        seen = posed.visibility(lights).numpy()
+        assert np.array_equal(seen[~coarse], exact[~coarse]) and 0.0 < (seen[coarse] != exact[coarse]).mean() < 0.02
+        sharp = LightSet(towards, np.ones((30, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
+        for surface in (posed, PosedSurface(mesh, 64)):  # filled shadows are never taken for traced ones
+            assert np.array_equal(surface.visibility(sharp).numpy(), exact)
+            assert np.array_equal(surface.visibility(lights).numpy(), seen)

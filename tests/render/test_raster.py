@@ -7,6 +7,7 @@ import torch
 from handbench.errors import InputError
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.atlas import Atlas
+from handbench.skips import Skips, skipping, tallied
 
 
 def project(camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -108,6 +109,22 @@ def test_only_the_box_of_the_mesh_is_traced_and_nothing_is_lost(shapes) -> None:
     assert not behind.sample(torch.ones(3, 8, 8)).any()
     within = rasterise(mesh, shapes.camera(30, 20, eye=(0, 0, 0.1)))  # the mesh is all around the camera
     assert (within.alpha == 1).all()
+
+
+def test_pixels_away_from_all_triangles_get_no_rays_and_nothing_is_lost(shapes) -> None:
+    for mesh, eye in zip(
+        (shapes.torus(), shapes.sphere(3, 4), shapes.plane(1.0)),
+        ((0.5, 4.0, 16.0), (0, 0, 9.0), (1.0, 2.0, 1.0)),
+        strict=True,
+    ):
+        camera = shapes.camera(90, 60, eye=eye)
+        with tallied() as tally:
+            near = rasterise(mesh, camera)
+        with skipping(Skips(outside_box=False)):
+            whole = rasterise(mesh, camera)
+        rays = tally.lines()["camera rays"]
+        assert np.array_equal(near.pixel, whole.pixel) and np.array_equal(near.depth, whole.depth)
+        assert rays.total == 90 * 60 * 9 and len(near.pixel) <= rays.total - rays.skipped < rays.total
 
 
 def test_useless_calls_are_refused(shapes) -> None:

@@ -5,8 +5,9 @@ import pytest
 import torch
 
 from handbench.light.stage import stage_directions
+from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.see.rays import RayScene
-from handbench.render.see.visibility import HORIZON, visibility
+from handbench.render.see.visibility import HORIZON, HardShadows, around_texels, visibility
 from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.surface import surface_maps
 from handbench.skips import NONE, Skips, skipping, tallied
@@ -126,3 +127,33 @@ def test_batches_of_rays_do_not_change_the_answer(shapes, monkeypatch: pytest.Mo
     monkeypatch.setattr(module, "_RAYS", 1)
     assert np.array_equal(visibility(mesh, atlas, lights), whole)
     assert torch.from_numpy(whole).dtype == torch.bool
+
+
+def test_shadows_that_are_filled_in_are_those_that_are_traced_but_for_edges(shapes) -> None:
+    ball = shapes.sphere(48, 96, radius=0.2, centre=(0, 0.4, 0), box=(0.0, 0.0, 0.25, 0.25))
+    mesh = PosedMesh(shapes.join(shapes.plane(2.0, box=(0.3, 0.3, 1.0, 1.0)), ball))
+    atlas = Atlas(mesh.topology, 128)
+    lights = stage_directions(40)
+    some = np.flatnonzero(np.random.default_rng(0).random(atlas.count) < 0.8)
+    shadows = HardShadows(mesh, atlas)
+    for texels in (None, some):
+        whole = shadows.visible(lights, None, texels)
+        with tallied() as filled_tally:
+            filled = shadows.visible(lights, None, texels, fill=True)
+        with tallied() as whole_tally, skipping(Skips(agreed=False)):
+            assert np.array_equal(shadows.visible(lights, None, texels, fill=True), whole)
+        assert 0.0 < (filled != whole).mean() < 2e-3
+        rays = [t.lines()["shadow rays"].total - t.lines()["shadow rays"].skipped for t in (filled_tally, whole_tally)]
+        assert rays[0] < (0.5 if texels is None else 0.9) * rays[1]
+
+
+def test_texels_between_others_are_in_the_middle_of_them(shapes) -> None:
+    atlas = Atlas(shapes.join(shapes.plane(1.0, box=(0.0, 0.0, 0.45, 1.0)), shapes.plane(1.0, box=(0.5, 0.0, 1.0, 1.0)))
+                  .topology, 33)  # fmt: skip
+    texels = np.flatnonzero(np.random.default_rng(1).random(atlas.count) < 0.9)
+    between, around = around_texels(atlas, texels)
+    place = np.stack(np.divmod(atlas.texels[texels], atlas.size))
+    assert len(between) > 0.3 * len(texels)
+    assert np.array_equal(place[:, around].mean(axis=1), place[:, between])
+    assert (place[:, around] % 2 == 0).all() and np.abs(place[:, around] - place[:, None, between]).max() == 1
+    assert (atlas.chart[texels][around] == atlas.chart[texels][between]).all()

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from torch import Tensor
 
 from ...errors import InputError
-from ...scene import Array, Camera, Mesh
+from ...scene import Array, Box, Camera, Mesh
 from ...skips import note, skips
 from .posedmesh import PosedMesh
 
@@ -128,12 +128,17 @@ class Raster:
 
 
 class _Lookup:
-    """A sparse matrix (P, R*R) from texels to the P pixels that see the mesh, and its transpose."""
+    """A sparse matrix (P, R*R) from texels to the P pixels that see the mesh."""
 
     def __init__(self, matrix: csr_array, pixels: Tensor, count: int) -> None:
-        self.forward, self.backward = matrix, matrix.T.tocsr()
+        self.forward = matrix
         self.pixels, self.count = pixels, count
         self._moved: dict[torch.device, tuple[Tensor, Tensor]] = {}
+
+    @cached_property
+    def backward(self) -> csr_array:
+        """The transpose, which only gradients need."""
+        return self.forward.T.tocsr()
 
     def image(self, texture: Tensor) -> Tensor:
         """The image (C, H*W) of a texture (C, R*R) on its device, by torch's sparse product: scipy's is the CPU's."""
@@ -173,7 +178,7 @@ class _Gather(torch.autograd.Function):
 def rasterise(mesh: Mesh | PosedMesh, camera: Camera, supersample: int = 3) -> Raster:
     """The mesh through the camera, supersample^2 rays a pixel on a regular grid.
 
-    Only pixels in the mesh's projected box get rays (`Skips.outside_box`).
+    Only pixels in the projected boxes of triangles get rays (`Skips.outside_box`).
     Raises `InputError` for a supersample below 1.
     """
     if supersample < 1:
@@ -182,11 +187,38 @@ def rasterise(mesh: Mesh | PosedMesh, camera: Camera, supersample: int = 3) -> R
 
 
 def _subsamples(mesh: PosedMesh, camera: Camera, supersample: int) -> tuple[Array, Array]:
-    """Pixel (M,) and ray (M, 3) in the world, of length 1 along z, of the subsamples in the mesh's box."""
+    """Pixel (M,) and ray (M, 3) in the world, of length 1 along z, of the subsamples that may see the mesh."""
     box = camera.box(mesh.vertices) if skips().outside_box else camera.whole
-    whole = camera.whole.pixels
-    note("camera rays", whole * supersample**2, (whole - box.pixels) * supersample**2)
     columns = np.arange(box.left, box.right, dtype=np.int32).repeat(supersample)
     rows = np.arange(box.top, box.bottom, dtype=np.int32).repeat(supersample)
-    pixel = rows[:, None] * camera.width + columns
-    return pixel.ravel(), camera.rays(supersample, box, np.float32).reshape(-1, 3)
+    pixel = (rows[:, None] * camera.width + columns).ravel()
+    rays = camera.rays(supersample, box, np.float32).reshape(-1, 3)
+    whole = camera.whole.pixels * supersample**2
+    if skips().outside_box and box.pixels:
+        near = _near(mesh, camera, box).repeat(supersample, axis=0).repeat(supersample, axis=1).ravel()
+        pixel, rays = pixel[near], rays[near]
+    note("camera rays", whole, whole - len(pixel))
+    return pixel, rays
+
+
+_MARGIN = 0.05
+"""Pixels around a triangle's box, for the rounding of rays."""
+
+
+def _near(mesh: PosedMesh, camera: Camera, box: Box) -> Array:
+    """The pixels (h, w) bool of a box that the box of any triangle touches: rays through others meet nothing."""
+    height, width = box.bottom - box.top, box.right - box.left
+    places, _ = camera.project(mesh.vertices)
+    if not np.isfinite(places).all():  # beside or behind the camera a triangle has no box
+        return np.ones((height, width), dtype=bool)
+    corners = places[mesh.topology.faces]
+    first, last = (
+        np.clip(np.floor(edge).astype(np.int64) - (box.left, box.top), low, (width + low, height + low))
+        for edge, low in ((corners.min(axis=1) - _MARGIN, 0), (corners.max(axis=1) + _MARGIN, -1))
+    )
+    (left, top), (right, bottom) = first.T, last.T + 1
+    # boxes are counted by the corners at which they begin and end: sums along both axes give how many hold a pixel
+    counts = np.zeros((height + 1) * (width + 1), dtype=np.int64)
+    for row, column, sign in ((top, left, 1), (top, right, -1), (bottom, left, -1), (bottom, right, 1)):
+        counts += sign * np.bincount(row * (width + 1) + column, minlength=len(counts))
+    return counts.reshape(height + 1, width + 1).cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0

@@ -38,10 +38,16 @@ class HardShadows:
     """
 
     def __init__(self, mesh: PosedMesh, atlas: Atlas) -> None:
-        self._scene = mesh.rays
+        self._scene, self._atlas = mesh.rays, atlas
         self._origins = _shadow_origins(mesh, atlas)
 
-    def visible(self, directions: Array, positions: Array | None = None, texels: Array | None = None) -> Array:
+    def visible(
+        self,
+        directions: Array,
+        positions: Array | None = None,
+        texels: Array | None = None,
+        fill: bool = False,
+    ) -> Array:
         """Whether covered texels see distant lights (L, 3) and near ones at positions (P, 3): bool (L + P, N).
 
         `directions` are unit vectors to the distant lights. `texels` (N,) picks from the atlas's covered ones.
@@ -50,10 +56,15 @@ class HardShadows:
         those with n.ω <= -`HORIZON`, and those with n.ω <= 0 where the mesh does not bulge over the texel's triangle,
         so that nothing but an open border could let light through. Pairs with n.ω > 0 do not depend on the switch.
         Says how many pairs it skipped as "shadow rays".
+
+        With `fill` and `Skips.agreed`, distant lights are traced at every other texel of both directions first, and
+        where those around a texel agree it is taken to see what they see; others are traced. What is narrower than a
+        texel can be missed, so this is for sums over many lights.
         """
         starts, normals, reach = self._origins
-        if texels is not None:
-            starts, normals, reach = starts[texels], normals[texels], reach[texels]
+        texels = np.arange(len(starts)) if texels is None else texels
+        starts, normals, reach = starts[texels], normals[texels], reach[texels]
+        around = around_texels(self._atlas, texels) if fill and skips().agreed else None
         if not skips().below_horizon:
             reach = np.full_like(reach, 2.0)
         scene = self._scene
@@ -64,9 +75,22 @@ class HardShadows:
         for first in range(0, len(directions), step):
             some = np.asarray(directions[first : first + step], dtype=np.float32)
             facing = some @ normals.T > -reach
-            rays = _shadow_rays(starts, some, facing)
-            seen[first : first + len(some)][facing] = ~scene.blocked(rays)
-            traced += len(rays)
+            found = seen[first : first + len(some)]
+            if around is None:
+                traced += self._trace(starts, some, facing, found)
+                continue
+            between, corners = around
+            open_pairs = facing.copy()
+            open_pairs[:, between] = False
+            traced += self._trace(starts, some, open_pairs, found)
+            count = found[:, corners[0]].astype(np.int8)
+            for corner in corners[1:]:
+                count += found[:, corner]
+            known = (count == 0) | (count == len(corners))
+            found[:, between] = facing[:, between] & (count > 0)
+            open_pairs[:] = False
+            open_pairs[:, between] = facing[:, between] & ~known
+            traced += self._trace(starts, some, open_pairs, found)
         for row, position in enumerate(near, start=len(directions)):
             towards = (position - scene.centre).astype(np.float32) - starts
             facing = np.einsum("nc,nc->n", towards, normals) > -reach * np.linalg.norm(towards, axis=1)
@@ -76,6 +100,31 @@ class HardShadows:
             traced += len(rays)
         note("shadow rays", seen.size, seen.size - traced)
         return seen
+
+    def _trace(self, starts: Array, directions: Array, pairs: Array, seen: Array) -> int:
+        """Set what distant lights are seen at some pairs (L, N), and say how many rays that took."""
+        rays = _shadow_rays(starts, directions, pairs)
+        seen[pairs] = ~self._scene.blocked(rays)
+        return len(rays)
+
+
+def around_texels(atlas: Atlas, texels: Array) -> tuple[Array, Array]:
+    """Which of some covered texels (N,) lie between others of them, (M,), and those others, (4, M), as places in N.
+
+    The others are texels of even row and column of the same chart, two of which come twice for a texel in line with
+    them. Texels that lack one of theirs are not between others.
+    """
+    size = atlas.size
+    row, column = np.divmod(atlas.texels[texels], size)
+    place = np.full((size + 1, size + 1), -1)  # beyond the last row and column there is nothing
+    even = (row % 2 == 0) & (column % 2 == 0)
+    place[row[even], column[even]] = np.flatnonzero(even)
+    corners = np.stack(
+        [place[row + down * (row % 2), column + right * (column % 2)] for down in (-1, 1) for right in (-1, 1)]
+    )
+    chart = atlas.chart[texels]
+    between = ~even & (corners >= 0).all(axis=0) & (chart[corners] == chart).all(axis=0)
+    return np.flatnonzero(between), corners[:, between]
 
 
 def _shadow_rays(starts: Array, directions: Array, facing: Array) -> Array:

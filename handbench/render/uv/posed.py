@@ -55,20 +55,27 @@ class PosedSurface:
 
         Hard ones are bool, by `visibility`; soft ones are float32 in [0, 1], by `soft_visibility`, rounded to bytes
         (an error of at most 1/510). `texels` (N,) picks from the atlas's covered ones, for callers that need no others.
+        Hard shadows of `coarse` lights are filled in, see `HardShadows.visible`.
         With `Skips.known` shadows are kept by light, packed, in this object and, inside `kept_on_disk`, on
         disk; "shadows known already" says how many texel-light pairs were.
         """
         names = [b"d" + row.tobytes() for row in lights.directions.astype(np.float64, copy=False)]
         names += [b"n" + row.tobytes() for row in lights.positions.astype(np.float64, copy=False)]
-        wanted = _Wanted(soft, texels, self.atlas.count if texels is None else len(texels))
+        count = self.atlas.count if texels is None else len(texels)
         if not names:
             kind = torch.float32 if soft else torch.bool
-            return torch.zeros((0, wanted.count), dtype=kind, device=self.position.device)
-        rows = self._rows(names, wanted)
+            return torch.zeros((0, count), dtype=kind, device=self.position.device)
+        filled = np.zeros(len(names), dtype=bool)
+        if lights.coarse is not None and not soft and skips().agreed:
+            filled[: len(lights.coarse)] = lights.coarse
+        rows: dict[bytes, Array] = {}
+        for fill in (False, True):
+            some = [name for name, chosen in zip(names, filled == fill, strict=True) if chosen]
+            rows.update(self._rows(some, _Wanted(soft, texels, count, fill)) if some else {})
         packed = np.stack([rows[name] for name in names])
         if soft:
             return torch.from_numpy(packed).to(self.position.device).float() / 255.0
-        return torch.from_numpy(np.unpackbits(packed, axis=1, count=wanted.count).view(bool)).to(self.position.device)
+        return torch.from_numpy(np.unpackbits(packed, axis=1, count=count).view(bool)).to(self.position.device)
 
     def _rows(self, names: list[bytes], wanted: _Wanted) -> dict[bytes, Array]:
         """Packed shadows by light: those known, and the others traced."""
@@ -97,7 +104,10 @@ class PosedSurface:
         directions, positions = (
             np.frombuffer(b"".join(name[1:] for name in some)).reshape(-1, 3) for some in (distant, near)
         )
-        seen = (self._soft if wanted.soft else self._hard).visible(directions, positions, wanted.texels)
+        if wanted.soft:
+            seen = self._soft.visible(directions, positions, wanted.texels)
+        else:
+            seen = self._hard.visible(directions, positions, wanted.texels, wanted.fill)
         packed = np.rint(seen * 255.0).astype(np.uint8) if wanted.soft else np.packbits(seen, axis=1)
         return dict(zip(distant + near, packed, strict=True))
 
@@ -110,9 +120,10 @@ class PosedSurface:
 class _Wanted:
     """Which kind of shadows of which texels, and what names them; `width` bytes hold a light's."""
 
-    def __init__(self, soft: bool, texels: Array | None, count: int) -> None:
+    def __init__(self, soft: bool, texels: Array | None, count: int, fill: bool) -> None:
         self.soft, self.texels, self.count = soft, texels, count
+        self.fill = fill
         self.width = count if soft else -(-count // 8)
-        method = ("soft", SIZE) if soft else ("hard",)
+        method = ("soft", SIZE) if soft else ("hard", self.fill)
         chosen = "all" if texels is None else surface_key([texels])
         self.key: tuple[object, ...] = (*method, VERSION, skips().below_horizon, chosen)
