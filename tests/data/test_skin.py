@@ -6,10 +6,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy.stats
 
+from handbench.data.openstage.nails import NailLook
+from handbench.data.openstage.people import SEEN_TATTOOS, look, tone_of
 from handbench.data.openstage.places import places
 from handbench.data.openstage.skin import Skin, SkinLook, make_skin
-from handbench.data.openstage.tattoo import TATTOOS
+from handbench.data.openstage.tattoo import HELD_OUT, TATTOOS, Tattoo
 from handbench.errors import InputError
 from handbench.hand.openhand import OpenHand
 
@@ -28,7 +31,7 @@ def flat(texture: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("melanin", [0.0, 0.5, 1.0])
 def test_textures_are_physical(melanin: float) -> None:
-    made = skin(melanin, tattoo="star", freckles=1.0)
+    made = skin(melanin, tattoos=(Tattoo("star"),), freckles=1.0, spots=0.5, hair=1.0, birthmarks=2, scars=5)
     assert made.albedo.shape == (SIZE, SIZE, 3)
     assert made.roughness.shape == made.displacement.shape == (SIZE, SIZE)
     assert {made.albedo.dtype, made.roughness.dtype, made.displacement.dtype} == {np.dtype(np.float32)}
@@ -80,7 +83,7 @@ def test_smooth_hand_has_no_creases() -> None:
 
 def test_polish_colours_the_nails_only() -> None:
     at = places(HAND, SIZE)
-    bare, painted = skin(), skin(polish=(0.4, 0.01, 0.02))
+    bare, painted = skin(), skin(nails=NailLook(polish=(0.4, 0.01, 0.02)))
     changed = np.abs(flat(bare.albedo) - flat(painted.albedo)).max(axis=1) > 0.02
     middle = at.nail > 0.9
     assert changed[middle].mean() > 0.95
@@ -94,7 +97,7 @@ def test_polish_colours_the_nails_only() -> None:
 @pytest.mark.parametrize("name", sorted(TATTOOS))
 def test_tattoos_darken_the_back_of_the_hand_only(name: str) -> None:
     at = places(HAND, SIZE)
-    darker = flat(skin().albedo).sum(axis=1) - flat(skin(tattoo=name).albedo).sum(axis=1)
+    darker = flat(skin().albedo).sum(axis=1) - flat(skin(tattoos=(Tattoo(name),)).albedo).sum(axis=1)
     inked = darker > 0.1
     assert 60 < inked.sum() < 0.2 * len(inked)
     assert (at.facing[inked] < 0).all() and (at.finger[inked] < 0).all()
@@ -103,7 +106,7 @@ def test_tattoos_darken_the_back_of_the_hand_only(name: str) -> None:
 
 def test_unknown_tattoo_is_refused_with_a_hint() -> None:
     with pytest.raises(InputError, match="star"):
-        skin(tattoo="stat")
+        skin(tattoos=(Tattoo("stat"),))
 
 
 def test_seams_do_not_show() -> None:
@@ -130,8 +133,52 @@ def test_fair_skin_scatters_as_jensen_measured_and_dark_skin_less_far() -> None:
 
 def test_nothing_scatters_under_polish() -> None:
     middle = places(HAND, SIZE).nail > 0.9
-    bare, painted = skin(), skin(polish=(0.4, 0.01, 0.02))
+    bare, painted = skin(), skin(nails=NailLook(polish=(0.4, 0.01, 0.02)))
     on = middle & (flat(painted.albedo)[:, 0] > 5 * flat(painted.albedo)[:, 1])
     assert on.sum() > 50
     assert flat(painted.mean_free_path)[on].max() < 5e-5 < 4e-4 < flat(bare.mean_free_path)[on].min()
     assert flat(painted.mean_free_path)[places(HAND, SIZE).nail < 1e-6].min() > 1e-4
+
+
+def test_hair_covers_the_arm_and_the_back_but_no_palm() -> None:
+    at = places(HAND, SIZE)
+    bare, hairy = (flat(skin(hair=amount, seed=2).albedo).mean(axis=1) for amount in (0.0, 1.0))
+    darker = (bare - hairy) / bare
+    arm, palm = (at.position[:, 1] < -0.04) & (at.facing < -0.3), (at.position[:, 1] > 0.02) & (at.facing > 0.5)
+    assert darker[arm].mean() > 0.04 > 1e-6 > np.abs(darker[palm]).max()
+    middle, knuckle = (np.abs(at.along / at.knuckles[at.finger, 1] - place) < 0.1 for place in (0.55, 1.0))
+    finger = (at.finger > 0) & (at.facing < -0.4)
+    assert darker[finger & middle].mean() > 2 * darker[finger & knuckle].mean()
+
+
+def test_sun_does_not_reach_under_ring_and_sleeve() -> None:
+    at = places(HAND, SIZE)
+    tanned, worn = (flat(skin(tan=1.0, **kept).albedo).mean(axis=1) for kept in ({}, {"ring": 3, "sleeve": -0.03}))
+    paler = worn > 1.03 * tanned
+    assert paler[(at.position[:, 1] < -0.05) & (at.facing < -0.5)].mean() > 0.95
+    assert set(at.finger[paler & (at.position[:, 1] > 0)]) == {3}
+
+
+def test_tones_of_people_in_a_row_are_spread_from_very_light_to_very_dark() -> None:
+    tones = np.sort([tone_of(i) for i in range(63)])
+    np.testing.assert_allclose(tones, scipy.stats.beta(2, 2).ppf(np.arange(1, 64) / 64), atol=1e-6)
+    assert min(tone_of(i) for i in range(8)) < 0.2 and max(tone_of(i) for i in range(8)) > 0.75
+
+
+def test_somebody_is_the_same_person_again_and_wears_what_is_allowed() -> None:
+    assert look(7) == look(7) != look(8)
+    other = look(7, melanin=0.9)
+    follow = {"melanin": 0.9, "freckles": other.freckles, "hair_colour": other.hair_colour}
+    assert other == dataclasses.replace(look(7, melanin=0.1), **follow)
+    names = {one.name for i in range(80) for one in look(i).tattoos}
+    assert names == set(SEEN_TATTOOS) and not names & set(HELD_OUT)
+    assert {one.name for i in range(80) for one in look(i, tattoos=HELD_OUT).tattoos} == set(HELD_OUT)
+
+
+def test_people_differ_by_more_than_their_tone() -> None:
+    """Five principal components leave more than a twelfth of what differs among people (benchmarks/skins.py)."""
+    size = 128
+    covered = places(HAND, size).atlas.covered
+    people = np.stack([make_skin(HAND, HAND.neutral(), look(i), size).albedo[covered].ravel() for i in range(24)])
+    power = np.linalg.svd(people - people.mean(axis=0), compute_uv=False) ** 2
+    assert power[:5].sum() < 0.92 * power.sum()

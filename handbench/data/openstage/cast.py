@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...hand.collision import relaxed
 from ...hand.openhand import Identity, OpenHand, named_pose, sample_pose
 from ...scene import Pose
+from .people import look
 from .skin import SkinLook
+from .tattoo import Tattoo
 
-_LOOKS = (  # melanin, haemoglobin, freckles, polish, tattoo: tones from very light to very dark, then repeated
-    (0.26, 0.50, 0.3, None, None),
-    (0.74, 0.45, 0.1, None, None),
-    (0.42, 0.55, 0.2, (0.45, 0.02, 0.04), None),
-    (0.60, 0.50, 0.1, None, "mandala"),
-    (0.05, 0.60, 0.8, None, None),
-    (1.0, 0.40, 0.0, None, None),
+_DECLARED: tuple[tuple[float, tuple[float, float, float] | None, tuple[Tattoo, ...]], ...] = (
+    (0.26, None, ()),  # melanin, polish and tattoos of the first six: tones from very light to very dark
+    (0.74, None, ()),
+    (0.42, (0.45, 0.02, 0.04), ()),
+    (0.60, None, (Tattoo("mandala"),)),
+    (0.05, None, ()),
+    (1.0, None, ()),
 )
-_POLISH = ((0.02, 0.06, 0.30), (0.02, 0.02, 0.02), (0.30, 0.05, 0.20))
-_TATTOOS = ("star", "mandala")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,24 +33,13 @@ class Subject:
 
 
 def person(index: int, hand: OpenHand) -> Subject:
-    """The person of an index: the same one in every capture and size."""
-    rng = np.random.default_rng([2401, index])
-    melanin, haemoglobin, freckles, polish, tattoo = _LOOKS[index % len(_LOOKS)]
-    if index >= len(_LOOKS):  # beyond the declared six, every tone comes back with other details
-        melanin = float(np.clip(melanin + rng.uniform(-0.12, 0.12), 0.0, 1.0))
-        polish = _POLISH[index % len(_POLISH)] if rng.random() < 0.25 else None
-        tattoo = _TATTOOS[index % len(_TATTOOS)] if rng.random() < 0.25 else None
-    look = SkinLook(
-        melanin=melanin,
-        haemoglobin=haemoglobin,
-        freckles=freckles,
-        creases=float(rng.uniform(0.7, 1.2)),
-        roughness=float(rng.uniform(0.40, 0.52)),
-        polish=polish,
-        tattoo=tattoo,
-        seed=index,
-    )
-    return Subject(f"s{index + 1:02d}", hand.sample_identity(rng), look)
+    """The person of an index: the same one in every capture and size. The first six wear what is declared."""
+    skin = look(index)
+    if index < len(_DECLARED):
+        melanin, polish, tattoos = _DECLARED[index]
+        skin = look(index, melanin)
+        skin = replace(skin, nails=replace(skin.nails, polish=polish, tips=False), tattoos=tattoos, bleached=0)
+    return Subject(f"s{index + 1:02d}", hand.sample_identity(np.random.default_rng([2401, index])), skin)
 
 
 def pose(hand: OpenHand, subject: Subject, k: int) -> Pose:

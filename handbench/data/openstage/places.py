@@ -6,9 +6,10 @@ Everything is measured on the neutral hand at rest, whose texels are those of ev
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ...hand.openhand import OpenHand
 from ...hand.openhand.template import FINGERS
@@ -26,7 +27,8 @@ class Places:
     finger (N,): 0 thumb … 4 little, -1 elsewhere. along (N,): metres from the finger's first joint towards the
     tip. across (N,): metres from the finger's axis, towards the thumb side. facing (N,): 1 where the surface faces
     as the palm does, -1 on the back. hand (N,): 1 on the hand, 0 on the forearm. knuckles (5, 4): `along` of the
-    joints and the tip. nail (N,), nail_along (N,), nail_across (N,): mask and coordinates from root -1 to tip 1.
+    joints and the tip; joints (5, 4, 3) their places. nail (N,), nail_along (N,), nail_across (N,): mask and
+    coordinates from root -1 to tip 1. texel: metres that a texel measures on the hand. float32 throughout.
     """
 
     atlas: Atlas
@@ -38,9 +40,20 @@ class Places:
     facing: Array
     hand: Array
     knuckles: Array
+    joints: Array
     nail: Array
     nail_along: Array
     nail_across: Array
+    texel: float
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Finds the texels near a point of the surface."""
+        return cKDTree(self.position, leafsize=32, balanced_tree=False, compact_nodes=False)
+
+    def shows(self, size: float) -> float:
+        """How far detail of some size in metres (of a line: twice its width) shows at this texture size, 0 … 1."""
+        return float(smoothstep(1.5 * self.texel, 3.5 * self.texel, np.asarray(size)))
 
 
 def smoothstep(low: float, high: float, values: Array) -> Array:
@@ -66,11 +79,12 @@ def places(hand: OpenHand, size: int) -> Places:
     palmar = weights @ hand.frames[:, :, 2]
     facing = (normal * palmar).sum(axis=1) / np.linalg.norm(palmar, axis=1)
     facing[(normal[:, 1] < -0.7) & (position[:, 1] < -0.05)] = -1.0  # the end of the forearm has the tone of its back
-    knuckles = np.zeros((len(FINGERS), 4))
+    knuckles, chain = np.zeros((len(FINGERS), 4)), np.zeros((len(FINGERS), 4, 3))
     nail_along, nail_across = np.zeros(len(position)), np.zeros(len(position))
     for f, name in enumerate(FINGERS):
         joints = [names.index(f"{name}{k}") for k in (1, 2, 3)]
         points = hand.template.points[[*joints, len(names) + f]]
+        chain[f] = points
         mine = weights[:, joints].sum(axis=1) > (0.5 if f else 0.35)
         knuckles[f] = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
         which, length = _along(points, position[mine], knuckles[f])
@@ -79,20 +93,17 @@ def places(hand: OpenHand, size: int) -> Places:
         along[mine] = length
         across[mine] = ((position[mine] - points[which]) * frames[:, :, 0]).sum(axis=1)
         _nail_coordinates(mine, nail, along, across, nail_along, nail_across)
-    return Places(
-        atlas,
-        position,
-        normal,
-        finger,
-        along,
-        across,
-        facing,
-        smoothstep(-0.02, 0.0, position[:, 1]),
-        knuckles,
-        nail,
-        nail_along,
-        nail_across,
-    )
+    hand_mask = smoothstep(-0.02, 0.0, position[:, 1])
+    fields = (position, normal, finger, along, across, facing, hand_mask)
+    nails = (nail, nail_along, nail_across)
+    single = [field.astype(np.int8 if field is finger else np.float32) for field in (*fields, knuckles, chain, *nails)]
+    return Places(atlas, *single, _texel(atlas, position))
+
+
+def _texel(atlas: Atlas, position: Array) -> float:
+    """Median distance of texels side by side on the hand."""
+    beside = (np.diff(atlas.texels) == 1) & (position[1:, 1] > 0.0)
+    return float(np.median(np.linalg.norm(np.diff(position, axis=0)[beside], axis=1)))
 
 
 def _along(points: Array, position: Array, knuckles: Array) -> tuple[Array, Array]:

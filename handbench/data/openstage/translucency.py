@@ -7,13 +7,15 @@ import numpy as np
 from ...scene import Array
 
 # Jensen et al., "A Practical Model for Subsurface Light Transport" (2001), skin 1: per metre, red, green, blue.
-SCATTERING = np.array([740.0, 880.0, 1010.0])
-ABSORPTION = np.array([32.0, 170.0, 480.0])
+SCATTERING = np.array([740.0, 880.0, 1010.0], np.float32)
+ABSORPTION = np.array([32.0, 170.0, 480.0], np.float32)
+# Under a nail light meets a thin plate and the bed: metres.
+NAIL_PATH = np.array([1.6e-3, 0.8e-3, 0.5e-3], np.float32)
 # Jensen's subject in the units of `skin.py`: melanin on the back of the hand, haemoglobin of a fair person.
 _MELANIN, _HAEMOGLOBIN = 0.4, 0.4
 # Share of Jensen's absorption that is blood (it absorbs green and blue), and what one unit of melanin adds per metre.
-_BLOOD = np.array([0.35, 0.6, 0.5])
-_PIGMENT = np.array([12.0, 30.0, 60.0])
+_BLOOD = np.array([0.35, 0.6, 0.5], np.float32)
+_PIGMENT = np.array([12.0, 30.0, 60.0], np.float32)
 
 
 def mean_free_path(melanin: Array, haemoglobin: Array) -> Array:
