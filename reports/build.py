@@ -59,7 +59,8 @@ def build(*runs: Run, baseline: str | None = None) -> Table:
     order = tuple(agreements(columns, rows, [source.values for source in sources], published))
     title = f"{protocol.title} ({protocol.label})"
     named = "" if against is None else sources[against].title
-    remarks = (*_remarks(protocol), *_old_times(runs))
+    of_frames = dict.fromkeys(remark for run in runs for cell in run.cells for remark in cell.remarks)
+    remarks = (*_remarks(protocol), *_old_times(runs), *of_frames)
     limits = tuple(_limits(rows, named))
     return Table(title, columns, (*rows, *published), notes.texts(), remarks, order, named, limits)
 

@@ -22,7 +22,8 @@ def render_latex(table: Table) -> str:
     notes += [latex(remark) for remark in table.remarks]
     if table.unequal:
         notes.append(f"{latex(UNEQUAL_NOTE)}.")
-    below = "calibration and published values" if table.remarks else "calibration"
+    published = any(row.kind == "published" for row in table.rows)
+    below = "calibration and published values" if published else "calibration"
     title = latex(table.title)
     marked = "Best in bold, second best underlined, with all that cannot be told from them"
     lines = [

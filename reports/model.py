@@ -190,7 +190,7 @@ class Table:
     """Rows of methods over columns (group by group); `row.cells` are in the order of `columns`.
 
     footnotes     why values are missing, by the numbers in `Cell.notes`
-    remarks       what must be known of published rows
+    remarks       what must be known of published rows, times and recorded pictures
     agreements    one for each column whose order is published
     baseline      title of the row that `Cell.difference` is against; "" if none was asked for
     limits        how those differences are made and what they cannot tell

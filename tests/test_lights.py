@@ -8,7 +8,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from handbench.bench.cell import light_refusal
+from handbench.bench.drawing import light_refusal
 from handbench.errors import InputError, Unsupported
 from handbench.light.lightset import light_samples
 from handbench.method import MethodInfo

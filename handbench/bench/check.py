@@ -19,12 +19,13 @@ from ..registry import METHODS
 from ..results.laws import LINEAR, deviation, deviations, drawing
 from ..scene import Frame, Observation, Prediction, Query, Viewpoint
 from . import given
-from .cell import CaptureReader, blame, light_refusal
+from .drawing import light_refusal
 from .isolation import isolated
 from .lending import Lender, answered
 from .plan import check_preset, make_method
 from .progress import steps
 from .protocol import Protocol, Selected, resolve
+from .reader import CaptureReader, blame
 
 SAME = 1e-6  # largest deviation, relative to the brightest pixel, of answers that must be the same
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
 
 from ..method import Method
-from ..results.oldrecord import table
 from ..results.record import (
     CaptureRecord,
     CellRecord,
@@ -25,6 +24,9 @@ from .given import enrolled_with
 from .plan import Cell, Plan
 from .protocol import Protocol, Published, Selected
 from .provenance import device
+
+if TYPE_CHECKING:
+    from .cell import Measured
 
 
 def run_record(
@@ -48,29 +50,30 @@ def run_record(
 
 
 def cell_record(
-    plan: Plan, cell: Cell, method: Method, selected: Selected, origin: Provenance, measured: dict[str, Any]
+    plan: Plan,
+    cell: Cell,
+    method: Method,
+    selected: Selected,
+    metrics: Iterable[str],
+    origin: Provenance,
+    measured: Measured,
 ) -> CellRecord:
-    """The file of a cell; `measured` is what `cell.compute` found."""
+    """The file of a cell; `metrics` are signatures."""
     protocol = plan.protocol
-    about = {
-        "key": cell.key,
-        "method": plain(method_record(cell, method, enrolled_with(selected, method.info, cell.subject))),
-        "subject": cell.subject,
-        "seed": cell.seed,
-        "prior": cell.prior,
-        "protocol": plain(ProtocolVersion(protocol.name, protocol.version, protocol.digest, protocol.title)),
-        "capture": plain(_capture(plan)),
-        "device": plain(device()),
-        "provenance": plain(origin),
-    }
-    return with_measured(about, measured)
-
-
-def with_measured(about: dict[str, Any], measured: dict[str, Any]) -> CellRecord:
-    """The record of a cell as it will be read again, whatever kinds of numbers were measured."""
-    metrics, scores = table(measured["scores"])
-    told = {**about, **plain(measured), "metrics": metrics, "scores": scores}
-    return read(CellRecord, json.loads(json.dumps(told, allow_nan=False)))
+    record = CellRecord(
+        key=cell.key,
+        method=method_record(cell, method, enrolled_with(selected, method.info, cell.subject)),
+        subject=cell.subject,
+        seed=cell.seed,
+        metrics=tuple(metrics),
+        prior=cell.prior,
+        protocol=ProtocolVersion(protocol.name, protocol.version, protocol.digest, protocol.title),
+        capture=_capture(plan),
+        device=device(),
+        provenance=origin,
+        **vars(measured),
+    )
+    return read(CellRecord, json.loads(json.dumps(plain(record), allow_nan=False)))  # checked, as it will be read
 
 
 def protocol_record(

@@ -97,8 +97,9 @@ class Site:
 
     @cached_property
     def bench(self) -> Bench:
-        from .cell import Bench, CaptureReader
+        from .cell import Bench
         from .priors import Priors
+        from .reader import CaptureReader
 
         store, tools = self.job.store, self.tools
         selected = resolve(self.plan.protocol, self.capture.frames(), self.capture.offers)
@@ -177,6 +178,7 @@ def _compute(site: Site, cell: Cell, told: Steps) -> None:
     from .describe import cell_record
 
     store, method = site.bench.store, site.tools.methods[cell.method]
-    result = compute(site.bench, cell, method, told)
-    store.write_cell(cell_record(site.plan, cell, method, site.bench.selected, site.origin, result))
+    found = compute(site.bench, cell, method, told)
+    about = (site.plan, cell, method, site.bench.selected, site.tools.metrics, site.origin)
+    store.write_cell(cell_record(*about, found))
     store.remove_checkpoints(cell.key)

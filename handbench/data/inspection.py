@@ -9,10 +9,12 @@ import numpy as np
 
 from ..errors import BadFrame
 from ..method import Progress, silent
-from ..scene import Frame, Mesh
+from ..scene import Frame, Mesh, Observation
 from .capture import Capture, read
 
 _ACROSS = 10.0  # metres: no hand
+SKIN = 1.0
+"""The brightest that the median of a hand is, where a white surface that faces the light is about 1."""
 _FLAT = 1e-3  # of the cube of its size: the volume of a surface that is too open to have an inside
 
 
@@ -36,12 +38,17 @@ def _of_frame(capture: Capture, frame: Frame) -> str:
         seen = read(capture, frame)
     except BadFrame as error:
         return str(error)
-    if seen.alpha is None or not (inside := seen.alpha > 0.5).any():
-        return ""
-    median = float(np.median(seen.image[inside]))
-    if median > 1.0:
+    median = median_of_hand(seen)
+    if median is not None and median > SKIN:
         return f"{frame.key}: the median of its hand is {median:.3g}; is it radiance of skin, or codes up to 255?"
     return ""
+
+
+def median_of_hand(seen: Observation) -> float | None:
+    """The median of the linear values that the mask covers; None without a mask, or with an empty one."""
+    if seen.alpha is None or not (inside := seen.alpha > 0.5).any():
+        return None
+    return float(np.median(seen.image[inside]))
 
 
 def _of_mesh(mesh: Mesh) -> str:

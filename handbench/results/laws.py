@@ -6,12 +6,13 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cache
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from ..method import Avatar, PosedAvatar
 from ..scene import Array, Frame, Group, Light, Query
+from .record import Laws
 
 LINEAR = 1e-4  # greatest deviation of a method that is declared linear: what float32 sums in another order may leave
 SCALES = (0.7, 1.9)  # what the lights of a pair are scaled by
@@ -65,8 +66,8 @@ def _apart(one: Array, other: Array) -> float:
     return deviation(one, other) if np.isfinite(one).all() else float("inf")
 
 
-def measured(avatar: Avatar, frames: Sequence[Frame], query: Query) -> dict[str, Any]:
-    """The greatest deviations of an avatar as JSON values: lights of scored frames in a query's pose and camera.
+def measured(avatar: Avatar, frames: Sequence[Frame], query: Query) -> Laws:
+    """The greatest deviations of an avatar: lights of scored frames in a query's pose and camera.
 
     One pose and camera, and lights that are drawn once, keep this cheap. A pair that the method cannot draw is left
     out; None stands for no pair, and for pictures with NaN or infinity.
@@ -84,7 +85,7 @@ def measured(avatar: Avatar, frames: Sequence[Frame], query: Query) -> dict[str,
     values = {name: value if np.isfinite(value) else None for name, value in worst.items()}
     if found and None in values.values():
         reason = "non-finite: a picture has NaN or infinity"
-    return {**values, "pairs": len(found), "reason": reason}
+    return Laws(**values, pairs=len(found), reason=reason)
 
 
 def pairs_of(frames: Sequence[Frame], seed: int) -> list[tuple[Light, Light]]:

@@ -319,6 +319,7 @@ class CellRecord:
     laws: Laws = told("measured laws of light", default=Laws())
     skipped: dict[str, Saved] = told("what was left out, by what it is", default_factory=dict)
     curve: tuple[CurvePoint, ...] = told("losses of personalising", default=())
+    remarks: tuple[str, ...] = told("what a reader must know of the frames it was scored with", default=())
     prior: Name | None = told("the key of its training", default=None)
     protocol: ProtocolVersion | None = told("the protocol", default=None)
     capture: CaptureRecord | None = told("the data", default=None)

@@ -19,6 +19,7 @@ from handbench.bench.run import find_protocol, run
 from handbench.bench.store import Store
 from handbench.data.exr import read_exr
 from handbench.errors import InputError
+from handbench.reports import table
 from handbench.results.record import CurvePoint, PublishedRecord
 from handbench.scene import Directional, Environment, Group, leaves
 from handbench.skips import note
@@ -386,6 +387,19 @@ def test_a_cell_tells_the_laws_measured_outside_the_clock_and_its_skips(fakes, t
     for cell in cells(tmp_path):
         assert "pixels" not in cell["skipped"]
         assert cell["times"]["laws_s"] >= 0
+
+
+def test_recorded_pictures_too_bright_for_skin_are_a_remark_of_the_table(fakes, toy_protocol, tmp_path, monkeypatch):
+    """Once for a subject, not once a method; the run goes on."""
+    real = fakes.ToyCapture.observe
+    bright = lambda capture, frame: replace(seen := real(capture, frame), image=seen.image * 255)  # noqa: E731
+    run(toy_protocol(), methods=["toy", "oracle"], out=tmp_path / "sound")
+    assert not table(tmp_path / "sound").remarks
+    monkeypatch.setattr(fakes.ToyCapture, "observe", bright)
+    run(toy_protocol(), methods=["toy", "oracle"], out=tmp_path / "bright")
+    remarks = table(tmp_path / "bright").remarks
+    told = r"\d of \d recorded pictures of s01 are too bright for skin: in s01/\S+ the median of the hand is \d+; is"
+    assert len(remarks) == 2 and re.match(told, remarks[0]), remarks
 
 
 def test_published_numbers_reach_the_run_without_computing_anything(fakes, toy_protocol, tmp_path):

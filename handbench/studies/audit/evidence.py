@@ -10,11 +10,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias
 
-from ...bench.cell import Bench, CaptureReader
+from ...bench.cell import Bench
 from ...bench.plan import Plan, make_plan
 from ...bench.priors import Priors
 from ...bench.progress import steps
 from ...bench.protocol import Protocol, Selected, resolve
+from ...bench.reader import CaptureReader
 from ...bench.run import find_protocol
 from ...bench.store import Store
 from ...data.capture import Capture, open_capture

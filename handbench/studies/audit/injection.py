@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from ...bench import given
 from ...bench.cell import Bench, compute
-from ...bench.describe import method_record, with_measured
+from ...bench.describe import method_record
 from ...bench.plan import Cell
 from ...bench.priors import Priors
 from ...bench.store import Store
@@ -24,8 +25,7 @@ from ...errors import Damaged
 from ...method import Avatar, Method, MethodInfo, Prior, Progress, RecordedAvatar, Recording, silent
 from ...results.record import CellRecord
 from ...results.recordfile import sealed
-from ...results.schema import plain
-from ...scene import KNOWN_LIGHTS, Frame, Prediction, Query
+from ...scene import LIGHT_KINDS, Frame, Prediction, Query
 from .evidence import Evidence
 
 _QUERIES = 3
@@ -96,15 +96,17 @@ def _run(evidence: Evidence, stage: Stage, folder: Path) -> Any:
     selected = replace(evidence.selected, scored={column: tuple(frames)})
     bench = replace(evidence.bench, selected=selected, store=store, priors=Priors(store))
     template = _template(evidence, frames[0].subject)
-    methods = {_SOUND: _Grey(_SOUND, "", ""), _named(stage): _Grey(_named(stage), stage.name, frames[0].key)}
+    sound = _Grey(_SOUND, "", "")
+    spoiled = given.asked(selected, sound.info, frames[0]).key
+    methods = {_SOUND: sound, _named(stage): _Grey(_named(stage), stage.name, spoiled)}
     cells: list[Cell] = []
     for name, method in methods.items():
         key = name.replace(" ", "-")
         planned = Cell(key, key, name, "quick", frames[0].subject, 0)
         faulty = stage.name == "a metric" and name != _SOUND
         found = compute(replace(bench, metrics=_broken(bench)) if faulty else bench, planned, method, lambda _: silent)
-        about = {"key": key, "prior": key, "seed": 0, "method": plain(method_record(planned, method))}
-        store.write_cell(with_measured({**template, **about}, found))
+        about = {"key": key, "prior": key, "seed": 0, "method": method_record(planned, method)}
+        store.write_cell(replace(template, metrics=tuple(bench.metrics), **about, **vars(found)))
         cells.append(planned)
     if stage.spoils == 0:
         _spoil(folder / "cells" / f"{cells[1].key}.json")
@@ -133,10 +135,10 @@ def _few(evidence: Evidence) -> tuple[list[Frame], str]:
     return best
 
 
-def _template(evidence: Evidence, subject: str) -> dict[str, Any]:
-    """A cell of the run, whose records the audit's own cells take over, as JSON values."""
-    cell: CellRecord = next((cell for cell in evidence.cells if cell.subject == subject), evidence.cells[0])
-    return plain(replace(cell, subject=subject, predictions={}))
+def _template(evidence: Evidence, subject: str) -> CellRecord:
+    """A cell of the run, whose records the audit's own cells take over."""
+    cell = next((cell for cell in evidence.cells if cell.subject == subject), evidence.cells[0])
+    return replace(cell, subject=subject)
 
 
 def _broken(bench: Bench) -> dict[str, Any]:
@@ -181,8 +183,7 @@ class _Grey(Method):
     """Draws grey, unless its fault is at work: a training whose loss is NaN, and so what it learns, and so on."""
 
     def __init__(self, name: str, fault: str, spoiled: str) -> None:
-        lights = KNOWN_LIGHTS
-        self.info = MethodInfo(name, name, "a grey picture", universal=True, lights=lights)
+        self.info = MethodInfo(name, name, "a grey picture", universal=True, lights=LIGHT_KINDS)
         self._fault, self._spoiled = fault, spoiled
 
     @property

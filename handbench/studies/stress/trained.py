@@ -12,7 +12,7 @@ from typing import Any
 from torch import Tensor
 
 from ...bench import given
-from ...bench.cell import light_refusal
+from ...bench.drawing import light_refusal
 from ...bench.protocol import resolve
 from ...bench.run import find_protocol
 from ...data.capture import Capture
