@@ -8,7 +8,9 @@ Every light is worked out on its own, so that sums over lights are exact.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +19,9 @@ from scipy.sparse import csr_array
 from ....light.environment import texels
 from ....render.see.posedmesh import PosedMesh
 from ....render.see.rays import Hits
-from ....scene import Array, Directional, Known, Point
+from ....scene import Array, Directional, Environment, Known, Point
 from .diffusion import Diffusion, diffusion
-from .gloss import Reflected, reflected
+from .gloss import Reflected, dot, reflected
 from .levels import Level, level, vertex_points
 from .skies import REFERENCE_ROUGHNESS, Sky
 from .surface import TracedSurface, at_vertices
@@ -52,7 +54,7 @@ class Posed:
         self.tables: Reflected = reflected(surface.specular)
         points = vertex_points(mesh.vertices, self.mesh.normals, self.faces)
         self.sparse: Level = level(points, _SPARSER * points.spacing)
-        self.diffusion: Diffusion = diffusion(points, self.free_path, self.mesh.rays)
+        self.diffusion: Diffusion = diffusion(points, self.free_path, self.albedo, self.mesh.rays)
         self.mirrored: Array = self.tables.mean(self.roughness)
         """Share (V,) of even light that the lobes reflect."""
 
@@ -87,17 +89,18 @@ def lit(posed: Posed, lights: Sequence[Known], skies: Sequence[Sky | None], boun
     arrives = np.zeros((3, count, len(lights)), np.float32)
     environments = tuple(i for i, sky in enumerate(skies) if sky is not None)
     turns = np.zeros((count, 3, 3, len(environments)), np.float32)
-    seen: list[Array | None] = []
-    for i, (light, sky) in enumerate(zip(lights, skies, strict=True)):
-        if sky is None:
-            visible, entering = _single(posed, light)
-            seen.append(visible)
-            colour = light.irradiance if isinstance(light, Directional) else light.intensity
-            arrives[:, :, i] = entering[None] * colour[:, None]
-        else:
-            assert around is not None
-            seen.append(None)
-            arrives[:, :, i], turns[..., environments.index(i)] = _environment(posed, sky, around, seed)
+    seen: list[Array | None] = [None] * len(lights)
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        single = [i for i, sky in enumerate(skies) if sky is None]
+        for i, (visible, entering) in zip(
+            single, threads.map(lambda i: _single(posed, lights[i]), single), strict=True
+        ):
+            seen[i] = visible
+            arrives[:, :, i] = entering * colour(lights[i])[:, None]
+        if around is not None:
+            mapped = threads.map(lambda i: _environment(posed, skies[i], around, seed), environments)  # type: ignore[arg-type]
+            for k, (i, found) in enumerate(zip(environments, mapped, strict=True)):
+                arrives[:, :, i], turns[..., k] = found
     if around is not None:
         between = _between(posed, around)
         for channel in range(3):
@@ -106,13 +109,19 @@ def lit(posed: Posed, lights: Sequence[Known], skies: Sequence[Sky | None], boun
     return Lit(tuple(lights), tuple(seen), leaves, turns, environments, bounces)  # type: ignore[arg-type]
 
 
+def colour(light: Known) -> Array:
+    """RGB (3,) of a single light: irradiance, or radiant intensity of a point."""
+    assert not isinstance(light, Environment)
+    return light.irradiance if isinstance(light, Directional) else light.intensity
+
+
 def towards(light: Known, positions: Array) -> tuple[Array, Array | float]:
     """Unit directions to a single light, (N, 3) or (1, 3), and what falls on a surface that faces it, per colour."""
     if isinstance(light, Directional):
         return light.direction[None], 1.0
     assert isinstance(light, Point)
     way = light.position - positions
-    squared = (way * way).sum(axis=1)
+    squared = dot(way, way)
     return way / np.sqrt(squared)[:, None], 1.0 / squared
 
 
@@ -120,7 +129,7 @@ def _single(posed: Posed, light: Known) -> tuple[Array, Array]:
     """What sees a directional or point light (V,) uint8, and its light that enters there (V,)."""
     positions, normals, rays = posed.mesh.vertices, posed.mesh.normals, posed.mesh.rays
     direction, falling = towards(light, positions)
-    cosine = (normals * direction).sum(axis=1)
+    cosine = dot(normals, direction)
     facing = np.flatnonzero(cosine > 0)
     start = positions[facing] + normals[facing] * rays.epsilon
     if isinstance(light, Point):
@@ -162,10 +171,8 @@ def _starts(posed: Posed, times: int) -> Array:
 def _environment(posed: Posed, sky: Sky, around: _Around, seed: int) -> tuple[Array, Array]:
     """Light of a map that enters each vertex (3, V), and how it turns (V, 3, 3)."""
     enters, turns = sky.unshadowed(posed.mesh.normals)
-    height, width = sky.rest.shape[:2]
-    row, column = texels(around.directions, height, width)
-    found = sky.rest[row, column]
-    free = ~around.hits.hit.reshape(row.shape)
+    found = sky.rest[texels(around.directions, *sky.density.shape)]
+    free = ~around.hits.hit.reshape(found.shape[:2])
     shares = np.stack([_share(found, free), _aimed(posed, sky, seed)], axis=1)  # (M, 2, 3)
     shares = (posed.sparse.spread @ shares.reshape(len(shares), -1)).reshape(-1, 2, 3)
     rougher = (1 - posed.mirrored) / (1 - posed.tables.mean(np.array(REFERENCE_ROUGHNESS)))
@@ -188,7 +195,7 @@ def _aimed(posed: Posed, sky: Sky, seed: int) -> Array:
     picks = [(_spread(_AIMED, _GOLDEN3)[:, k] + rng.random((len(middle), 1))) % 1.0 for k in range(3)]
     direction, radiance = sky.aim(*(pick.ravel() for pick in picks))
     normals = posed.mesh.normals[middle].repeat(_AIMED, axis=0)
-    cosine = np.maximum((direction * normals).sum(axis=1), 0)
+    cosine = np.maximum(dot(direction, normals), 0)
     facing = np.flatnonzero(cosine)
     free = np.zeros(len(cosine), bool)
     free[facing] = ~rays.occluded(_starts(posed, _AIMED)[facing], direction[facing])

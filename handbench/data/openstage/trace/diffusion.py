@@ -6,7 +6,13 @@ reflectance profiles for efficient subsurface scattering", 2015). It is a quarte
 exp(-r/s) / (2 pi s r) with s = d, and three quarters of a wide one, s = 3d; each is one sparse matrix over points as
 dense as it needs.
 The straight way between two points, sunk a little into the flesh, must not leave it: nothing crosses a gap of air.
-Rows are divided by what they find, so that even light stays even on thin parts and in creases.
+
+That profile is of a thick flat block. Straight through thin flesh goes more: a slab of thickness t passes about
+C exp(-t/l) of what it reflects, l being the diffuse mean free path (the diffusion approximation). So pairs on facing
+sides, whose way dives under both by the cosine c, take the profile times 1 - c, and
+C c exp(-r/l) (1/l + 1/r) / (2 pi r), whose integral over a slab is C exp(-t/l). The profile is divided by what it
+finds, so that even light stays even in creases; of what comes through, as much is taken off as surface albedo 1 asks
+for: then nothing is gained, and where much is absorbed, thin parts are brighter, as they absorb less.
 """
 
 from __future__ import annotations
@@ -19,7 +25,11 @@ from scipy.spatial import cKDTree
 
 from ....render.see.rays import RayScene
 from ....scene import Array
+from .gloss import dot
 from .levels import Level, Points, level
+
+SKIN_SCATTERING = 900.0
+"""Reduced scattering of skin per metre (Jensen et al., "A practical model for subsurface light transport", 2001)."""
 
 PROFILE = 3.6
 """Diffuse mean free paths to the scale d of the profile: 3.5 + 100 (A - 0.33)^4 for a medium of albedo A about 0.5."""
@@ -33,27 +43,28 @@ _SUNK = 0.3
 
 @dataclass(frozen=True, eq=False)
 class _Pairs:
-    """Pairs of points that flesh connects: first, second (P,) and their distance."""
+    """Pairs of points that flesh connects: first, second (P,), their distance, how steeply the way dives under both."""
 
     first: Array
     second: Array
     distance: Array
+    dive: Array
 
 
 @dataclass(frozen=True, eq=False)
 class _Lobe:
     """A lobe on its level: weights over the clusters (M, M)."""
 
-    share: float
     level: Level
     weights: csr_array
 
 
 @dataclass(frozen=True, eq=False)
 class Diffusion:
-    """The matrices of a posed surface: for each channel its lobes, and where (V,) the skin scatters."""
+    """The matrices of a posed surface: lobes of each channel; what is kept (V, 3); where (V,) the skin scatters."""
 
     channels: tuple[tuple[_Lobe, ...], ...]
+    kept: Array
     scatters: Array
 
     def apply(self, channel: int, arrived: Array) -> Array:
@@ -64,8 +75,8 @@ class Diffusion:
         wandered = np.zeros_like(arrived)
         for lobe in lobes:
             on = lobe.level
-            wandered += np.float32(lobe.share) * (on.spread @ (lobe.weights @ (on.gather @ arrived)))
-        return np.where(self.scatters[:, None], wandered, arrived)
+            wandered += on.spread @ (lobe.weights @ (on.gather @ arrived))
+        return np.where(self.scatters[:, None], wandered * self.kept[:, channel, None], arrived)
 
 
 def escaped(free_path: Array, radius: float) -> Array:
@@ -74,11 +85,12 @@ def escaped(free_path: Array, radius: float) -> Array:
     return sum(share * np.exp(-radius / (wide * scale)) for share, wide in _LOBES)
 
 
-def diffusion(points: Points, free_path: Array, rays: RayScene) -> Diffusion:
-    """The matrices of points for mean free paths (V, 3) in metres; light stays where those are 0."""
+def diffusion(points: Points, free_path: Array, albedo: Array, rays: RayScene) -> Diffusion:
+    """The matrices of points for mean free paths (V, 3) in metres and albedo (V, 3); light stays where paths are 0."""
     scatters = (free_path > 0).any(axis=1)
+    kept = np.ones(free_path.shape, np.float32)
     if not scatters.any():
-        return Diffusion(((), (), ()), scatters)
+        return Diffusion(((), (), ()), kept, scatters)
     scale = np.maximum(free_path / PROFILE, 1e-6)
     fine = Points(points.positions, points.normals, points.areas * scatters)  # nothing comes from where light stays
     typical, longest = np.median(scale[scatters], axis=0), np.quantile(scale[scatters], 0.99, axis=0)
@@ -91,10 +103,16 @@ def diffusion(points: Points, free_path: Array, rays: RayScene) -> Diffusion:
     pairs = {step: _pairs(levels[step].points, reach[step], rays) for step in levels}
     channels: tuple[list[_Lobe], ...] = ([], [], [])
     for step, (channel, share, wide) in zip(steps, kinds, strict=True):
-        on = levels[step]
-        weights = _weights(on.points, pairs[step], (on.gather @ scale[:, channel]) * wide)
-        channels[channel].append(_Lobe(share, on, weights))
-    return Diffusion(tuple(map(tuple, channels)), scatters)
+        on, near = levels[step], pairs[step]
+        local = on.gather @ scale[:, channel]
+        weights = _profile(on.points, near, local * wide) * np.float32(share)
+        if wide > 1:
+            through = _through(on.points, near, local * PROFILE)
+            weights = weights + through
+            extra = on.spread @ np.asarray(through.sum(axis=1))
+            kept[:, channel] = 1 / (1 + np.clip(albedo[:, channel], 0, 1) * extra)
+        channels[channel].append(_Lobe(on, weights))
+    return Diffusion(tuple(map(tuple, channels)), kept, scatters)
 
 
 def _step(finest: float, scale: float) -> float:
@@ -103,54 +121,85 @@ def _step(finest: float, scale: float) -> float:
     return finest * 2.0**power if power >= 0 else 0.0
 
 
-def _weights(points: Points, pairs: _Pairs, scale: Array) -> csr_array:
+def _profile(points: Points, pairs: _Pairs, scale: Array) -> csr_array:
     """Rows (M, M) of a lobe: what each point gets from itself, within its own area, and from others; they sum to 1."""
     radius = np.sqrt(points.areas / np.pi)
-    count = np.arange(len(radius))
     near = pairs.distance < _REACH * np.maximum(scale[pairs.first], scale[pairs.second])
-    first, second, distance = pairs.first[near], pairs.second[near], pairs.distance[near]
-    rows, columns = np.concatenate([first, second]), np.concatenate([second, first])
-    distance, own = np.concatenate([distance, distance]), scale[rows]
-    values = points.areas[columns] * np.exp(-distance / own) / (2 * np.pi * own * distance)
-    matrix = coo_array(
-        (
-            np.concatenate([values, 1 - np.exp(-radius / scale) + 1e-9]).astype(np.float32),
-            (np.concatenate([rows, count]).astype(np.int32), np.concatenate([columns, count]).astype(np.int32)),
-        ),
-        shape=(len(radius), len(radius)),
+    rows, columns, distance, dive = _both_ways(pairs, near)
+    own = scale[rows]
+    values = points.areas[columns] * np.exp(-distance / own) / (2 * np.pi * own * distance) * (1 - dive)
+    every = np.arange(len(radius), dtype=np.int32)
+    matrix = _sparse(
+        np.concatenate([values, 1 - np.exp(-radius / scale) + 1e-9]),
+        np.concatenate([rows, every]),
+        np.concatenate([columns, every]),
+        len(radius),
     )
-    matrix.has_canonical_format = True  # no pair is there twice, so nothing needs sorting
-    matrix = matrix.tocsr()
     total = np.add.reduceat(matrix.data.astype(np.float64), matrix.indptr[:-1])
     matrix.data /= np.repeat(total, np.diff(matrix.indptr)).astype(np.float32)
     return matrix
 
 
+def _through(points: Points, pairs: _Pairs, free_path: Array) -> csr_array:
+    """What each point gets straight through the flesh from facing sides (M, M), where the profile gives 1 in all."""
+    rows, columns, distance, dive = _both_ways(pairs, pairs.dive > 0)
+    own = free_path[rows]
+    faded = np.exp(-distance / own)
+    passed = _passed(own)
+    values = passed / (1 + (passed - 1) * faded) * dive * faded * (1 / own + 1 / distance) / (2 * np.pi * distance)
+    return _sparse(points.areas[columns] * values, rows, columns, len(points.areas))
+
+
+def _passed(free_path: Array) -> Array:
+    """C: what a thick slab passes over exp(-t/l) and over what it reflects, for skin of mean free paths in metres.
+
+    A fit to random walks through slabs of 1.5 to 6 mm (`benchmarks/scattering.py`).
+    """
+    return np.maximum(8.0 * (free_path * SKIN_SCATTERING) ** -1.1, 1.0)
+
+
+def _both_ways(pairs: _Pairs, chosen: Array) -> tuple[Array, Array, Array, Array]:
+    """Rows, columns, distance and dive of the chosen pairs, each one from first to second and back."""
+    first, second = pairs.first[chosen], pairs.second[chosen]
+    distance, dive = pairs.distance[chosen], pairs.dive[chosen]
+    return (
+        np.concatenate([first, second]),
+        np.concatenate([second, first]),
+        np.concatenate([distance, distance]),
+        np.concatenate([dive, dive]),
+    )
+
+
+def _sparse(values: Array, rows: Array, columns: Array, size: int) -> csr_array:
+    """A square matrix in float32 whose entries are all at different places."""
+    matrix = coo_array((values.astype(np.float32), (rows, columns)), shape=(size, size))
+    matrix.has_canonical_format = True  # saves sorting
+    return matrix.tocsr()
+
+
 def _pairs(points: Points, reach: float, rays: RayScene) -> _Pairs:
     """Pairs within reach whose straight way, sunk into the flesh, meets no surface."""
-    tree = cKDTree(points.positions)
-    first, second = tree.query_pairs(reach, output_type="ndarray").T
-    apart = points.positions[second] - points.positions[first]
-    distance = np.linalg.norm(apart, axis=1)
-    doubtful = _doubtful(points, first, second, apart, distance)
+    first, second = cKDTree(points.positions).query_pairs(reach, output_type="ndarray").T.astype(np.int32)
+    positions, normals = points.positions.astype(np.float32), points.normals.astype(np.float32)
+    apart = positions[second] - positions[first]
+    distance = np.sqrt(dot(apart, apart))
+    ahead, back = dot(normals[first], apart) / distance, -dot(normals[second], apart) / distance
+    flat = (np.maximum(ahead, back) < 0.3) & (np.abs(ahead + back) < 0.7) & (distance < 4 * points.spacing)
+    doubtful = np.flatnonzero(~(flat & (dot(normals[first], normals[second]) > 0.7)))
+    keep = distance > 0
+    keep[doubtful] &= ~_blocked(points, first[doubtful], second[doubtful], distance[doubtful], rays)
+    dive = np.sqrt(np.maximum(-ahead, 0) * np.maximum(-back, 0))
+    return _Pairs(first[keep], second[keep], distance[keep], dive[keep])
+
+
+def _blocked(points: Points, first: Array, second: Array, distance: Array, rays: RayScene) -> Array:
+    """Whether the ways between pairs leave the flesh, though they are sunk as deep as light wanders or flesh allows."""
     depth = 0.4 * _thickness(points, rays)
-    a, b = first[doubtful], second[doubtful]
-    sunk = _SUNK * distance[doubtful]
-    start = points.positions[a] - points.normals[a] * np.minimum(sunk, depth[a])[:, None]
-    end = points.positions[b] - points.normals[b] * np.minimum(sunk, depth[b])[:, None]
-    keep = np.ones(len(first), bool)
-    keep[doubtful] = ~rays.occluded(start, end - start, 1.0)
-    keep &= distance > 0
-    return _Pairs(first[keep], second[keep], distance[keep])
-
-
-def _doubtful(points: Points, first: Array, second: Array, apart: Array, distance: Array) -> Array:
-    """Indices of pairs that may have air between them: not neighbours of about one plane."""
-    ahead = np.einsum("pc,pc->p", points.normals[first], apart)
-    back = -np.einsum("pc,pc->p", points.normals[second], apart)
-    alike = np.einsum("pc,pc->p", points.normals[first], points.normals[second])
-    flat = (np.maximum(ahead, back) < 0.3 * distance) & (alike > 0.7) & (distance < 4 * points.spacing)
-    return np.flatnonzero(~flat)
+    start, end = (
+        points.positions[each] - points.normals[each] * np.minimum(_SUNK * distance, depth[each])[:, None]
+        for each in (first, second)
+    )
+    return rays.occluded(start, end - start, 1.0)
 
 
 def _thickness(points: Points, rays: RayScene) -> Array:

@@ -24,6 +24,11 @@ BROADER = 1.7
 _COSINES, _ROUGHNESSES = 256, 64
 
 
+def dot(a: Array, b: Array) -> Array:
+    """Dot products of vectors (N, 3) or (1, 3)."""
+    return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
+
+
 def alphas(roughness: Array) -> tuple[Array, Array]:
     """GGX widths of the two lobes for roughness in [0, 1]."""
     return _alpha(roughness), _alpha(np.minimum(roughness * BROADER, 1.0))

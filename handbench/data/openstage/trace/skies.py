@@ -12,7 +12,7 @@ from scipy.ndimage import map_coordinates
 
 from ....light.environment import directions, resize, solid_angles, texels
 from ....scene import Array, Environment
-from .gloss import reflected
+from .gloss import dot, reflected
 
 BRIGHT = 2.0
 """Texels this many times brighter than their map's mean are aimed at; the others are found by chance."""
@@ -28,27 +28,26 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @dataclass(frozen=True, eq=False)
 class Sky:
-    """One map. radiance, rest (H, W, 3); slots (n, 5): row, column and RGB of radiance / probability density.
+    """One map: rest and bright (H, W, 3) add up to its radiance; density (H, W) of what `aim` finds, per steradian.
 
+    slots (n, 12): of equally likely bright texels the direction to the middle and the steps over the texel to the
+    right and down, then RGB of radiance / probability density.
     enters (64, 128, 2, 3): light that enters an unshadowed surface of each normal, from the rest and from the bright
     texels; turns (64, 128, 2, 3, 3): how it grows as the normal turns to x, y, z.
     """
 
-    radiance: Array
     rest: Array
+    bright: Array
+    density: Array
     slots: Array
     enters: Array
     turns: Array
 
     def aim(self, pick: Array, u: Array, v: Array) -> tuple[Array, Array]:
         """Directions (N, 3) to bright texels, chosen by power, and radiance / probability density (N, 3)."""
-        height, width = self.rest.shape[:2]
-        slot = self.slots[np.minimum((pick * len(self.slots)).astype(np.int64), len(self.slots) - 1)]
-        top, bottom = np.cos(np.pi * slot[:, 0] / height), np.cos(np.pi * (slot[:, 0] + 1) / height)
-        y = top + (bottom - top) * v
-        turn = 2 * np.pi * (slot[:, 1] + u) / width
-        radius = np.sqrt(np.maximum(1 - y * y, 0))
-        return np.stack([radius * np.sin(turn), y, -radius * np.cos(turn)], axis=1), slot[:, 2:]
+        slot = self.slots[np.minimum((pick * len(self.slots)).astype(np.int32), len(self.slots) - 1)]
+        direction = slot[:, :3] + (u - 0.5)[:, None] * slot[:, 3:6] + (v - 0.5)[:, None] * slot[:, 6:9]
+        return direction / np.sqrt(dot(direction, direction))[:, None], slot[:, 9:]
 
     def unshadowed(self, normals: Array) -> tuple[Array, Array]:
         """`enters` (N, 2, 3) and `turns` (N, 2, 3, 3) at unit normals (N, 3)."""
@@ -74,7 +73,13 @@ def sky(environment: Environment, specular: float) -> Sky:
     parts = ((rest, _REST), (radiance - rest, (min(height, _TABLE[0]), min(width, _TABLE[1]))))
     found = [_irradiance(resize(Environment(environment.name, part), *size), specular) for part, size in parts]
     enters, turns = (np.stack([each[k] for each in found], axis=2) for k in range(2))
-    return Sky(radiance, rest, _slots(radiance, above, solid), enters, turns)
+    row, column, owned = _slots(radiance, above, solid)
+    density = np.zeros((height, width), np.float32)
+    density[row, column] = owned / max(owned.sum(), 1) / solid[row, column]
+    rgb = radiance[row, column] / np.maximum(density[row, column, None], 1e-30)
+    ways = np.concatenate([*_texel_frames(row, column, height, width), rgb], axis=1).astype(np.float32)
+    bright = (radiance - rest).astype(np.float32)
+    return Sky(rest.astype(np.float32), bright, density, np.repeat(ways, owned, axis=0), enters, turns)
 
 
 def _irradiance(part: Environment, specular: float) -> tuple[Array, Array]:
@@ -93,24 +98,32 @@ def _irradiance(part: Environment, specular: float) -> tuple[Array, Array]:
     return enters, turns * (1 - tables.mean(np.array(REFERENCE_ROUGHNESS)))
 
 
-def _slots(radiance: Array, above: Array, solid: Array) -> Array:
-    """Equally likely bright texels (n, 5), along a Morton curve so that stratified picks are stratified in the sky.
+def _slots(radiance: Array, above: Array, solid: Array) -> tuple[Array, Array, Array]:
+    """Row and column of the bright texels, along a Morton curve, and how many of the equally likely slots each owns.
 
-    A texel owns as many slots as its share asks for, at least one, so its probability is known exactly. Half of the
-    slots follow power, half follow power without its peaks, so a sun leaves some for the sky.
+    Stratified picks are then stratified in the sky. A texel owns as many slots as its share asks for, at least one, so
+    its probability is known exactly. Half of the slots follow power, half follow power without its peaks, so a sun
+    leaves some for the sky.
     """
     row, column = np.nonzero(above)
-    if len(row) == 0:
-        return np.zeros((0, 5))
     order = np.argsort(_interleave(row) << 1 | _interleave(column), kind="stable")
     row, column = row[order], column[order]
-    flux = radiance[row, column] * solid[row, column, None]
-    power = flux @ _LUMINANCE
+    if len(row) == 0:
+        return row, column, np.zeros(0, np.int64)
+    power = (radiance[row, column] * solid[row, column, None]) @ _LUMINANCE
     capped = np.minimum(power, _CAP * power.mean())
     share = 0.5 * power / power.sum() + 0.5 * capped / capped.sum()
-    owned = np.maximum(1, np.rint(share * _SLOTS).astype(np.int64))
-    found = np.concatenate([row[:, None], column[:, None], flux * (owned.sum() / owned)[:, None]], axis=1)
-    return np.repeat(found, owned, axis=0)
+    return row, column, np.maximum(1, np.rint(share * _SLOTS).astype(np.int64))
+
+
+def _texel_frames(row: Array, column: Array, height: int, width: int) -> tuple[Array, Array, Array]:
+    """Directions (n, 3) to the middles of texels, and the steps over them to the right and down."""
+    polar, turn = (row + 0.5) * np.pi / height, (column + 0.5) * 2 * np.pi / width
+    sine, cosine, zero = np.sin(polar), np.cos(polar), np.zeros(len(row))
+    middle = np.stack([sine * np.sin(turn), cosine, -sine * np.cos(turn)], axis=1)
+    right = np.stack([sine * np.cos(turn), zero, sine * np.sin(turn)], axis=1) * (2 * np.pi / width)
+    down = np.stack([cosine * np.sin(turn), -sine, -cosine * np.cos(turn)], axis=1) * (np.pi / height)
+    return middle, right, down
 
 
 def _interleave(values: Array) -> Array:

@@ -15,15 +15,12 @@ from scipy.sparse import csr_array
 from ....light.environment import texels
 from ....render.see.raster import Raster
 from ....render.uv.surface import unit_rows
-from ....scene import Array, Directional, Known
-from .bake import Lit, Posed, to_world, towards
+from ....scene import Array
+from .bake import Lit, Posed, colour, to_world, towards
 from .diffusion import escaped
-from .gloss import WEIGHTS, alphas, density, gloss, sample
+from .gloss import WEIGHTS, alphas, density, dot, gloss, sample
 from .skies import Sky
 from .surface import read
-
-_MIRROR = 0.2
-"""Surfaces less rough than this find bright texels by mirrored rays, others by aiming at them."""
 
 _FURROW = 2.5e-4
 """Metres: how wide the relief is that only tilts normals; light that leaves within it shows it."""
@@ -57,7 +54,7 @@ class View:
         if surface.bump is not None:
             tilted = unit_rows(self.smooth - _slope(surface.bump, uv, raster, face))
         self.normal: Array = _turned(tilted, self.view)
-        self.facing: Array = (self.normal * self.view).sum(axis=1)
+        self.facing: Array = dot(self.normal, self.view)
         self.albedo: Array = read(surface.albedo, uv)
         self.roughness: Array = np.clip(read(surface.roughness, uv), 0, 1)
         self.leaving: Array = (1 - posed.tables.at(self.facing, self.roughness)) / (
@@ -96,10 +93,11 @@ def picture(view: View, lit: Lit, skies: Sequence[Sky | None], per_place: int, s
         single = [i for i, seen in enumerate(lit.seen) if seen is not None]
         for i, found in zip(single, threads.map(lambda i: _single(view, lit, i, pigment), single), strict=True):
             image[i] += found
-    _mirrored(view, lit, skies, per_place, seed, image)
-    for i, sky in enumerate(skies):
-        if sky is not None and len(sky.slots):
-            image[i] += _aimed(view, sky, image[i], per_place, seed)
+        _mirrored(view, lit, skies, per_place, seed, image)
+        bright = {i: sky for i, sky in enumerate(skies) if sky is not None and len(sky.slots)}
+        aimed = threads.map(lambda i: _aimed(view, bright[i], image[i], per_place, seed), bright)
+        for i, found in zip(bright, aimed, strict=True):
+            image[i] += found
     return np.maximum(image, 0.0)
 
 
@@ -128,20 +126,16 @@ def _single(view: View, lit: Lit, i: int, pigment: Array) -> Array:
         return result
     direction, falling = towards(light, view.position[on])
     falling = visible[on] * falling
-    tilted = np.maximum((view.normal[on] * direction).sum(axis=1), 0)
-    smooth = np.maximum((view.smooth[on] * direction).sum(axis=1), 0)
-    along, roughness = (view.view[on] * direction).sum(axis=1), view.roughness[on]
+    tilted = np.maximum(dot(view.normal[on], direction), 0)
+    smooth = np.maximum(dot(view.smooth[on], direction), 0)
+    along, roughness = dot(view.view[on], direction), view.roughness[on]
     glossy, relief = np.zeros((2, len(view.roughness)))
     glossy[on] = falling * gloss(roughness, view.posed.surface.specular, tilted, view.facing[on], along)
     relief[on] = falling * (tilted * (1 - tables.at(tilted, roughness)) - smooth * (1 - tables.at(smooth, roughness)))
     shine = view.sums(glossy) * view.share
     for c in range(3):
         result[:, c] = view.sums(relief * pigment[:, c] * view.local[:, c]) + shine
-    return result * (light.irradiance if isinstance(light, Directional) else _intensity(light))
-
-
-def _intensity(light: Known) -> Array:
-    return light.intensity  # type: ignore[union-attr]
+    return result * colour(light)
 
 
 def _mirrored(view: View, lit: Lit, skies: Sequence[Sky | None], per_place: int, seed: int, image: Array) -> None:
@@ -155,25 +149,25 @@ def _mirrored(view: View, lit: Lit, skies: Sequence[Sky | None], per_place: int,
     scale = view.share / per_place
     for k in range(per_place):
         u, v = ((turns[:, d] + (rank * per_place + k) * _STEPS[d]) % 1.0 for d in range(2))
-        direction, weight = _sampled(view, u, v)
+        direction, weight, density = _sampled(view, u, v)
         on = np.flatnonzero(weight > 0)
-        start = view.position[on] + view.smooth[on] * rays.epsilon
-        hits = rays.cast(start, direction[on])
-        weight, pixel = weight[on] * scale, owner[on]
+        direction = direction[on]
+        hits = rays.cast(view.position[on] + view.smooth[on] * rays.epsilon, direction)
+        weight, pixel, density = weight[on] * scale, owner[on], density[on]
         hit, miss = np.flatnonzero(hits.hit), np.flatnonzero(~hits.hit)
         if lit.bounces:
             _add_skin(view, lit, pixel[hit], weight[hit], hits.face[hit], hits.barycentric[hit], image)
+        direction, weight, pixel, density = direction[miss], weight[miss], pixel[miss], density[miss]
         for i, sky in enumerate(skies):
             if sky is not None:
-                row, column = texels(direction[on][miss], *sky.rest.shape[:2])
-                sharp = (view.roughness[on][miss] < _MIRROR)[:, None]
-                radiance = np.where(sharp, sky.radiance[row, column], sky.rest[row, column]) * weight[miss, None]
+                at = texels(direction, *sky.density.shape)
+                found = sky.rest[at] + sky.bright[at] * (density / (density + sky.density[at]))[:, None]
                 for c in range(3):
-                    image[i, :, c] += np.bincount(pixel[miss], radiance[:, c], minlength=len(view.pixels))
+                    image[i, :, c] += np.bincount(pixel, found[:, c] * weight, minlength=len(view.pixels))
 
 
-def _sampled(view: View, u: Array, v: Array) -> tuple[Array, Array]:
-    """Directions (S, 3) from one of the lobes, and BRDF times cosine over their density (S,)."""
+def _sampled(view: View, u: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Directions (S, 3) from one of the lobes, BRDF times cosine over their density, and the density (S,)."""
     sharper, broader = alphas(view.roughness)
     first = u < WEIGHTS[0]
     alpha = np.where(first, sharper, broader)
@@ -181,15 +175,14 @@ def _sampled(view: View, u: Array, v: Array) -> tuple[Array, Array]:
     frame = view.normal
     x_axis = to_world(frame, np.broadcast_to([1.0, 0, 0], frame.shape))
     y_axis = to_world(frame, np.broadcast_to([0, 1.0, 0], frame.shape))
-    local = np.stack([(x_axis * view.view).sum(axis=1), (y_axis * view.view).sum(axis=1), view.facing], axis=1)
+    local = np.stack([dot(x_axis, view.view), dot(y_axis, view.view), view.facing], axis=1)
     half = sample(alpha, local, u, v)
-    along = (half * local).sum(axis=1)
-    out = 2 * along[:, None] * half - local
+    out = 2 * dot(half, local)[:, None] * half - local
     cosine = np.maximum(out[:, 2], 0)
-    light_view = (out * local).sum(axis=1)
+    light_view = dot(out, local)
     value = gloss(view.roughness, view.posed.surface.specular, cosine, view.facing, light_view)
-    weight = value / np.maximum(density(view.roughness, cosine, view.facing, light_view), 1e-12)
-    return to_world(frame, out), np.where(cosine > 0, weight, 0.0)
+    chance = np.maximum(density(view.roughness, cosine, view.facing, light_view), 1e-12)
+    return to_world(frame, out), np.where(cosine > 0, value / chance, 0.0), chance
 
 
 def _add_skin(view: View, lit: Lit, pixel: Array, weight: Array, face: Array, barycentric: Array, image: Array) -> None:
@@ -212,29 +205,30 @@ def _aimed(view: View, sky: Sky, so_far: Array, per_place: int, seed: int) -> Ar
     rng = np.random.default_rng([seed, 4])
     turns = rng.random((len(view.pixels), 4))[owner]
     rank = np.arange(len(owner)) - view.starts[:-1][owner]
-    rough = np.flatnonzero(view.roughness >= _MIRROR)
-    threshold = _ROULETTE * so_far.sum(axis=1)[owner[rough]] + 1e-12
+    threshold = _ROULETTE * so_far.sum(axis=1)[owner] + 1e-12
     result = np.zeros((len(view.pixels), 3))
     for k in range(per_place):
-        picks = [(turns[rough, d] + (rank[rough] * per_place + k) * _GOLDEN3[d]) % 1.0 for d in range(3)]
+        picks = [(turns[:, d] + (rank * per_place + k) * _GOLDEN3[d]) % 1.0 for d in range(3)]
         direction, radiance = sky.aim(*picks)
-        cosine = np.maximum((view.normal[rough] * direction).sum(axis=1), 0)
-        along = (view.view[rough] * direction).sum(axis=1)
-        value = gloss(view.roughness[rough], view.posed.surface.specular, cosine, view.facing[rough], along)
-        light = radiance * value[:, None]
-        chance = np.minimum(light.sum(axis=1) / threshold, 1.0)
-        kept = np.flatnonzero((turns[rough, 3] + (rank[rough] * per_place + k) * 0.6180339887498949) % 1.0 < chance)
-        start = view.position[rough[kept]] + view.smooth[rough[kept]] * rays.epsilon
+        on = np.flatnonzero(dot(view.normal, direction) > 0)
+        direction, radiance, roughness, facing = direction[on], radiance[on], view.roughness[on], view.facing[on]
+        cosine, along = dot(view.normal[on], direction), dot(view.view[on], direction)
+        value = gloss(roughness, view.posed.surface.specular, cosine, facing, along)
+        aimed = sky.density[texels(direction, *sky.density.shape)]
+        light = radiance * (value * aimed / (aimed + density(roughness, cosine, facing, along)))[:, None]
+        chance = np.minimum((light[:, 0] + light[:, 1] + light[:, 2]) / threshold[on], 1.0)
+        kept = np.flatnonzero((turns[on, 3] + (rank[on] * per_place + k) * 0.6180339887498949) % 1.0 < chance)
+        start = view.position[on[kept]] + view.smooth[on[kept]] * rays.epsilon
         free = kept[~rays.occluded(start, direction[kept])]
         light = light[free] * (view.share / per_place / chance[free])[:, None]
         for c in range(3):
-            result[:, c] += np.bincount(owner[rough[free]], light[:, c], minlength=len(view.pixels))
+            result[:, c] += np.bincount(owner[on[free]], light[:, c], minlength=len(view.pixels))
     return result
 
 
 def _turned(normal: Array, view: Array) -> Array:
     """Normals (S, 3) that the camera sees from behind, turned until it just sees their front."""
-    facing = (normal * view).sum(axis=1)
+    facing = dot(normal, view)
     hidden = facing < _GRAZING
     if not hidden.any():
         return normal
