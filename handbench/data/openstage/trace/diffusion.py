@@ -183,7 +183,8 @@ def _pairs(points: Points, reach: float, rays: RayScene) -> _Pairs:
     positions, normals = points.positions.astype(np.float32), points.normals.astype(np.float32)
     apart = positions[second] - positions[first]
     distance = np.sqrt(dot(apart, apart))
-    ahead, back = dot(normals[first], apart) / distance, -dot(normals[second], apart) / distance
+    unit = apart / np.maximum(distance, 1e-12)[:, None]
+    ahead, back = dot(normals[first], unit), -dot(normals[second], unit)
     flat = (np.maximum(ahead, back) < 0.3) & (np.abs(ahead + back) < 0.7) & (distance < 4 * points.spacing)
     doubtful = np.flatnonzero(~(flat & (dot(normals[first], normals[second]) > 0.7)))
     keep = distance > 0
