@@ -38,6 +38,9 @@ _LOBES = ((0.25, 1.0), (0.75, 3.0))
 _REACH = 4.0
 """Lobes end at so many scales: 2 % of them lie beyond."""
 
+_BLUR = 0.33
+"""Variance along an axis of gathering to clusters and spreading from them, in squares of their spacing."""
+
 _SUNK = 0.3
 
 
@@ -105,7 +108,8 @@ def diffusion(points: Points, free_path: Array, albedo: Array, rays: RayScene) -
     for step, (channel, share, wide) in zip(steps, kinds, strict=True):
         on, near = levels[step], pairs[step]
         local = on.gather @ scale[:, channel]
-        weights = _profile(on.points, near, local * wide) * np.float32(share)
+        sharper = _unblurred(local * wide, on.points.spacing if step else 0.0)
+        weights = _profile(on.points, near, sharper) * np.float32(share)
         if wide > 1:
             through = _through(on.points, near, local * PROFILE)
             weights = weights + through
@@ -116,9 +120,14 @@ def diffusion(points: Points, free_path: Array, albedo: Array, rays: RayScene) -
 
 
 def _step(finest: float, scale: float) -> float:
-    """How far apart the points of a lobe are: about its scale, in powers of 2; 0 where all vertices are wanted."""
-    power = round(np.log2(scale / finest))
-    return finest * 2.0**power if power >= 0 else 0.0
+    """How far apart the points of a lobe are: about 0.9 of its scale, in powers of sqrt(2) mm; 0 for all vertices."""
+    step = max(1e-3 * 2.0 ** (0.5 * round(2 * np.log2(0.9e3 * scale))), finest)
+    return step if step < 1.3 * scale else 0.0
+
+
+def _unblurred(scale: Array, spacing: float) -> Array:
+    """The scale of a lobe whose spread, with that of gathering to clusters and spreading from them, is as wanted."""
+    return np.sqrt(np.maximum(scale * scale - _BLUR * spacing * spacing, 0.1 * scale * scale))
 
 
 def _profile(points: Points, pairs: _Pairs, scale: Array) -> csr_array:
