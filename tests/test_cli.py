@@ -121,7 +121,7 @@ def test_targets_are_looked_at_before_the_work(capsys, tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setattr("handbench.studies.speed.study.study", work)
     monkeypatch.setattr("handbench.studies.stress.run.stress", work)
-    monkeypatch.setattr("handbench.methods.geometry.study.run", work)
+    monkeypatch.setattr("handbench.studies.geometry.study.run", work)
     monkeypatch.setattr("handbench.cli.data._capture", work)
     monkeypatch.setattr("handbench.bench.score._asked", work)
     for verb in (["speed"], ["stress"], ["geometry", "smoke"], ["data", "show", "openstage"]):

@@ -25,7 +25,7 @@ from .failure import Failure, failure
 from .isolation import isolated
 from .lending import Lender
 from .plan import Cell
-from .priors import Curve, Priors
+from .priors import Curve, Priors, Training
 from .protocol import Protocol, Selected
 from .reader import CaptureReader, blame
 from .scoring import Scoring, failed
@@ -107,8 +107,8 @@ def _compute(
     try:
         if refusal := given.refusal(bench.selected, method.info, cell.subject):
             raise Unsupported(refusal)
-        training = steps(f"{cell.method} seed {cell.seed}: train")
-        prior, train_s = bench.priors.get(cell.prior, method, bench.training, cell.seed, training, bench.lender.check)
+        training = Training(cell.prior, method, cell.seed, bench.training, bench.lender.check)
+        prior, train_s = bench.priors.get(training, steps(f"{cell.method} seed {cell.seed}: train"))
         times = replace(times, train_s=train_s)
         enrolment = bench.enrolment(cell.subject, method)
         curve = Curve(steps(f"{label}: personalise"))

@@ -6,7 +6,6 @@ Claims keep them from doing the same twice, and a cell's key is its file's name,
 
 from __future__ import annotations
 
-import importlib
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -69,7 +68,8 @@ class Job:
 
     def make_tools(self) -> Tools:
         """Raises `InputError` for an unknown preset, a broken plug-in and metrics of one signature."""
-        module = importlib.import_module(METRICS.package)
+        from .. import metrics as module
+
         metrics = {metric.signature: metric for metric in map(module.metric, self.protocol.metrics)}
         if len(metrics) < len(self.protocol.metrics):
             raise InputError(f"protocol {self.protocol.label}: two metrics have one signature; keep one of them")

@@ -19,7 +19,6 @@ scored frames and subject.
 
 from __future__ import annotations
 
-import importlib
 import importlib.metadata
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -151,7 +150,9 @@ def default_methods(protocol: Protocol, extra: Sequence[Entry] = ()) -> tuple[st
 
 def _resolved(entry: Entry, preset: str) -> Mapping[str, Any] | None:
     """The configuration of a plug-in from outside; our own are resolved by what `source_digests` reads."""
-    if entry.target.startswith("handbench.") and entry in importlib.import_module(METHODS.package).ENTRIES:
+    from .. import methods
+
+    if entry.target.startswith("handbench.") and entry in methods.ENTRIES:
         return None
     config = make_method(entry, preset).config
     try:

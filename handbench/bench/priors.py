@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from ..errors import InputError
 from ..files import writing
@@ -16,6 +17,17 @@ _CURVE_POINTS = 500
 _SHADOW_BYTES = 1 << 30
 
 
+@dataclass(frozen=True)
+class Training:
+    """A training that is asked for; `check` is called before what it learned is kept, and raises if it must not be."""
+
+    key: str
+    method: Method
+    seed: int
+    recording: Callable[[], Recording]
+    check: Callable[[], None]
+
+
 class Priors:
     """Gives the prior of a key: from memory, from the run folder, or by training."""
 
@@ -24,43 +36,26 @@ class Priors:
         self._key = ""
         self._last: tuple[Prior, float] | BaseException
 
-    def get(
-        self,
-        key: str,
-        method: Method,
-        recording: Callable[[], Recording],
-        seed: int,
-        progress: Progress,
-        check: Callable[[], None],
-    ) -> tuple[Prior, float]:
+    def get(self, asked: Training, progress: Progress) -> tuple[Prior, float]:
         """The prior and the seconds its training took. A training that failed is not tried again for the next subject.
-
-        `check` is called between a training and keeping what it learned, and raises if that must not be kept.
 
         A prior is always read back from disk, also by the run that trained it, so that a resumed run and an
         uninterrupted one score the same thing.
         """
-        if self._key != key:
+        if self._key != asked.key:
             try:
-                self._last = self._find(key, method, recording, seed, progress, check)
+                self._last = self._find(asked, progress)
             except KeyboardInterrupt:
                 raise
             except BaseException as error:
                 self._last = error
-            self._key = key
+            self._key = asked.key
         if isinstance(self._last, BaseException):
             raise self._last
         return self._last
 
-    def _find(
-        self,
-        key: str,
-        method: Method,
-        recording: Callable[[], Recording],
-        seed: int,
-        progress: Progress,
-        check: Callable[[], None],
-    ) -> tuple[Prior, float]:
+    def _find(self, asked: Training, progress: Progress) -> tuple[Prior, float]:
+        key, method = asked.key, asked.method
         kept = self._store.prior(key)
         if kept is not None:
             try:
@@ -68,12 +63,12 @@ class Priors:
             except InputError:  # its weights are damaged: trained again
                 self._store.remove_prior(key)
         curve = Curve(progress)
-        with self._store.writing_prior(key, method.info.name, seed, method.config) as new:
+        with self._store.writing_prior(key, method.info.name, asked.seed, method.config) as new:
             start = time.perf_counter()
             # shadows kept on disk are not for relighting: its times must not depend on them
             with kept_on_disk(default_folder(), _SHADOW_BYTES), self._store.checkpoints(key) as state:
-                prior = method.train(recording(), seed, curve)
-            check()
+                prior = method.train(asked.recording(), asked.seed, curve)
+            asked.check()
             new.train_s = time.perf_counter() - start + state.earlier_s
             new.curve = curve.points()
             with writing(new.state):

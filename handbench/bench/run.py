@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import shlex
 import sys
 from collections.abc import Iterable, Sequence
@@ -42,7 +41,9 @@ class Outcome:
 def find_protocol(name: str) -> Protocol:
     """A registered protocol, or the one in a TOML file. Raises `InputError` for an unknown name or a bad file."""
     if name.endswith(".toml"):
-        return importlib.import_module(PROTOCOLS.package).load(Path(name))
+        from ..protocols import load
+
+        return load(Path(name))
     return PROTOCOLS.load(name)
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from ..data.capture import Capture, open_capture
 from ..data.predictions import Asked, read_folder, write_template
 from ..data.predictions.manifest import name_fits
-from ..data.predictions.method import entry_of
 from ..errors import InputError
 from ..method import MethodInfo
 from ..registry import METHODS
@@ -41,6 +40,8 @@ def score(
         raise InputError(f"name {name!r} cannot be a method's; use letters, digits, points, dashes and underscores")
     if out is not None and out.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"{out} is in the prediction folder, which is only read; choose another folder with --out")
+    from ..methods.predictions import entry_of
+
     with steps() as told:
         asked, _, _ = _asked(protocol, data, told)
     found = read_folder(folder, asked, allow_missing)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 from pathlib import Path
 from typing import Any
 
+from ..studies import SUMMARIES
 from ..terminal import say
 
 
 def add(verbs: Any) -> None:
-    audit = verbs.add_parser("audit", help="check a finished run: calibration, leaks, pixels, scores, NaN, keys")
+    audit = verbs.add_parser("audit", help=SUMMARIES["audit"])
     audit.add_argument("run", type=Path, help="the folder of a run")
     audit.add_argument("--protocol", metavar="FILE", help="the run's protocol file, if it is not a registered one")
     audit.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
@@ -21,12 +21,12 @@ def add(verbs: Any) -> None:
 
 
 def _audit(arguments: argparse.Namespace) -> int:
-    from ..studies.audit import audit
+    from ..registry import STUDIES
+    from ..reports import table
 
-    tables = importlib.import_module("handbench.reports").table
     words = {True: "holds", False: "BROKEN", None: "n/a"}
     verdicts = []
-    for verdict in audit(arguments.run, tables, arguments.protocol, arguments.data):
+    for verdict in STUDIES.load("audit")(arguments.run, table, arguments.protocol, arguments.data):
         verdicts.append(verdict)
         if not arguments.json:
             say(f"{verdict.law:<22} {words[verdict.holds]:<7} {verdict.detail}")

@@ -7,11 +7,11 @@ from typing import Any
 
 from ..terminal import say
 
-_KINDS = ("protocols", "methods", "metrics", "captures")
+_KINDS = ("protocols", "methods", "metrics", "captures", "studies")
 
 
 def add(verbs: Any) -> None:
-    lists = verbs.add_parser("list", help="what can be named: protocols, methods, metrics, captures")
+    lists = verbs.add_parser("list", help="what can be named: protocols, methods, metrics, captures, studies")
     lists.add_argument("kind", nargs="?", choices=_KINDS)
     lists.set_defaults(verb=_list)
 
@@ -24,6 +24,7 @@ def _list(arguments: argparse.Namespace) -> int:
         "methods": registry.METHODS,
         "metrics": registry.METRICS,
         "captures": registry.CAPTURES,
+        "studies": registry.STUDIES,
     }
     for kind in [arguments.kind] if arguments.kind else _KINDS:
         entries = tables[kind].entries().values()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -57,8 +56,8 @@ class _Files(NamedTuple):
 
 def _compare(arguments: argparse.Namespace) -> int:
     from ..bench.progress import steps
+    from ..metrics.compat import compare as table
 
-    table = importlib.import_module("handbench.metrics.compat.compare")
     files, chosen, stated = _files(arguments), _metrics(arguments.only), _stated(arguments)
     remarks: dict[str, str] = {}
     failures: dict[str, InputError] = {}
@@ -87,8 +86,9 @@ def _compare(arguments: argparse.Namespace) -> int:
     if not shares:
         raise next(iter(failures.values()))
     if arguments.sequence:
-        flicker = importlib.import_module("handbench.metrics.geometry.flicker")
-        found.append(table.Line(flicker.FLICKER, {"": _flicker(flicker, kept, failures)}))
+        from ..metrics.geometry.flicker import FLICKER
+
+        found.append(table.Line(FLICKER, {"": _flicker(kept, failures)}))
     told_of = list(remarks.values())
 
     if arguments.format == "csv":
@@ -108,9 +108,9 @@ def _compare(arguments: argparse.Namespace) -> int:
 
 def _metrics(only: str) -> list[Any]:
     """The registered metrics whose name fits, with default options; those that can be aligned also so, with rgb."""
+    from .. import metrics as module
     from ..registry import METRICS, Broken
 
-    module = importlib.import_module(METRICS.package)
     fits = [n for n, e in METRICS.entries().items() if fnmatchcase(n, only) and not isinstance(e, Broken)]
     if not fits:
         raise InputError(f"--only {only!r} fits no metric; 'handbench list metrics' shows their names")
@@ -165,6 +165,7 @@ def _pair(files: _Files, stated: dict[str, Stated], remarks: dict[str, str]) -> 
     """Prediction, truth and mask as `handbench.metrics.Pair`; what a reader must know of them goes to the remarks."""
     from ..data.compared import compared
     from ..data.pictures import read_mask, read_picture
+    from ..metrics import Pair
 
     prediction = read_picture(files.prediction, stated["pred"])
     truth = read_picture(files.truth, stated["truth"])
@@ -176,16 +177,17 @@ def _pair(files: _Files, stated: dict[str, Stated], remarks: dict[str, str]) -> 
     found = compared(prediction, truth, mask)
     for kind, remark in found.remarks.items():
         remarks.setdefault(kind, remark)
-    module = importlib.import_module("handbench.metrics")
-    return module.Pair(found.prediction, found.truth, found.mask, prediction_alpha=found.prediction_alpha)
+    return Pair(found.prediction, found.truth, found.mask, prediction_alpha=found.prediction_alpha)
 
 
-def _flicker(module: Any, pairs: list[Any], failures: dict[str, InputError]) -> Any:
+def _flicker(pairs: list[Any], failures: dict[str, InputError]) -> Any:
     """The score of a sequence; none if one of its pictures is lost."""
+    from ..metrics import Score
+    from ..metrics.geometry.flicker import flicker
+
     if failures:
-        score = importlib.import_module("handbench.metrics").Score
-        return score(None, f"the sequence has gaps: {next(iter(failures.values()))}")
-    return module.flicker(pairs)
+        return Score(None, f"the sequence has gaps: {next(iter(failures.values()))}")
+    return flicker(pairs)
 
 
 def _same_size(path: Path, one: Array, truth: Path, other: Array) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import importlib
 import json
 import math
 import sys
@@ -46,7 +45,8 @@ def add(verbs: Any) -> None:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    reports = importlib.import_module("handbench.reports")
+    from .. import reports
+
     if arguments.format in ("html", "figures"):
         _check_page(arguments)
         files = reports.write_reports(arguments.run[0], figures=arguments.format == "figures")
@@ -74,8 +74,9 @@ def _compare(arguments: argparse.Namespace) -> int:
 
     if len(arguments.runs) < 2:
         raise InputError(f"there is nothing to compare {arguments.runs[0]} with; give two runs or more")
-    comparison = importlib.import_module("handbench.reports.comparison")
-    show(comparison.render_comparison(comparison.compare(*arguments.runs)))
+    from ..reports.comparison import compare, render_comparison
+
+    show(render_comparison(compare(*arguments.runs)))
     return 0
 
 
@@ -87,8 +88,9 @@ def _query(arguments: argparse.Namespace) -> int:
         answer = results.query(arguments.sql)
     if arguments.format == "csv":
         writer = csv.writer(sys.stdout, lineterminator="\n")
-        safe = importlib.import_module("handbench.reports.safe")
-        writer.writerows([map(safe.csv_cell, row) for row in (answer.columns, *answer.rows)])
+        from ..reports.safe import csv_cell
+
+        writer.writerows([map(csv_cell, row) for row in (answer.columns, *answer.rows)])
     elif arguments.format == "json":
         rows = [dict(zip(answer.columns, map(_plain, row), strict=True)) for row in answer.rows]
         say(json.dumps(rows, indent=1, allow_nan=False))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 from pathlib import Path
 
 _LARGEST_SEED = 2**63 - 1  # what databases and random generators take
@@ -11,9 +10,9 @@ _LARGEST_SEED = 2**63 - 1  # what databases and random generators take
 
 def report(folder: Path) -> Path:
     """Write the reports of a run, then print its table, and return its page."""
+    from .. import reports
     from ..terminal import show
 
-    reports = importlib.import_module("handbench.reports")
     table = reports.table(folder)
     page: Path = reports.write_reports(folder, table=table)["index.html"]
     show(reports.render_terminal(table))

@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
 from pathlib import Path
 from typing import Any
 
+from ..studies import SUMMARIES
 from ..terminal import say, show
 from .shared import names, preset, seed
 
 
 def add(verbs: Any) -> None:
-    stress = verbs.add_parser("stress", help="try hard cases on the core and every method")
+    stress = verbs.add_parser("stress", help=SUMMARIES["stress"])
     stress.add_argument("--only", metavar="GLOB", help="the cases whose FAMILY/NAME fits, e.g. 'shading/*'")
     stress.add_argument("--methods", type=names, metavar="A,B", help="instead of all registered methods")
     stress.add_argument("--out", type=Path, default=Path("runs/stress"), metavar="DIR", help="default: runs/stress")
     stress.add_argument("--list", action="store_true", help="list the cases and what is expected, try none")
     stress.set_defaults(verb=_stress)
 
-    speed = verbs.add_parser("speed", help="error against time of the lighting core, its rivals and every method")
+    speed = verbs.add_parser("speed", help=SUMMARIES["speed"])
     speed.add_argument("--methods", type=names, metavar="A,B", help="instead of all registered methods")
     speed.add_argument("--quick", action="store_true", help="one scene and fewer settings, about a minute")
     speed.add_argument("--out", type=Path, default=Path("runs/speed"), metavar="DIR", help="default: runs/speed")
     speed.set_defaults(verb=_speed)
 
-    geometry = verbs.add_parser("geometry", help="train the hand geometry autoencoder and measure its errors")
+    geometry = verbs.add_parser("geometry", help=SUMMARIES["geometry"])
     geometry.add_argument("protocol", help="whose subjects and frames; 'handbench list protocols' shows names")
     geometry.add_argument("--preset", type=preset, metavar="NAME")
     geometry.add_argument("--seed", type=seed, default=0)
@@ -37,18 +37,21 @@ def add(verbs: Any) -> None:
 
 def _stress(arguments: argparse.Namespace) -> int:
     from ..files import check_folder
+    from ..registry import STUDIES
     from ..studies.stress.record import render
-    from ..studies.stress.run import chosen_cases, stress
+    from ..studies.stress.run import chosen_cases
 
     if arguments.list:
         for case in chosen_cases(arguments.methods, arguments.only):
             say(f"{case.id}  {case.expected.text}")
         return 0
     check_folder(arguments.out)
-    done = stress(arguments.out, arguments.methods, arguments.only, ["handbench", *sys.argv[1:]])
+    done = STUDIES.load("stress")(arguments.out, arguments.methods, arguments.only, ["handbench", *sys.argv[1:]])
     page = None
     if (arguments.out / "run.json").is_file():  # the folder of a run, whose page shows them
-        page = importlib.import_module("handbench.reports").write_reports(arguments.out)["index.html"]
+        from ..reports import write_reports
+
+        page = write_reports(arguments.out)["index.html"]
     show(render(done.results, done.seconds))
     say(f"all cases: {done.path}")
     if page is not None:
@@ -59,19 +62,21 @@ def _stress(arguments: argparse.Namespace) -> int:
 def _speed(arguments: argparse.Namespace) -> int:
     from ..bench.progress import steps
     from ..files import check_folder
+    from ..registry import STUDIES
     from ..studies.speed.record import write
-    from ..studies.speed.study import study
 
     check_folder(arguments.out)
     with steps() as told:
-        found = study(arguments.methods, arguments.quick, ["handbench", *sys.argv[1:]], told)
+        found = STUDIES.load("speed")(arguments.methods, arguments.quick, ["handbench", *sys.argv[1:]], told)
     path = write(arguments.out, found)
-    speed = importlib.import_module("handbench.reports.speed")
+    from ..reports import write_reports
+    from ..reports.speed import render_speed, write_speed_report
+
     if (arguments.out / "run.json").is_file():  # the folder of a run, whose page shows the study
-        page = importlib.import_module("handbench.reports").write_reports(arguments.out)["index.html"]
+        page = write_reports(arguments.out)["index.html"]
     else:
-        page = speed.write_speed_report(arguments.out)
-    show(speed.render_speed(found))
+        page = write_speed_report(arguments.out)
+    show(render_speed(found))
     say(f"raw repeats: {path}")
     say(f"report: {page}")
     return 0
@@ -79,12 +84,15 @@ def _speed(arguments: argparse.Namespace) -> int:
 
 def _geometry(arguments: argparse.Namespace) -> int:
     from ..files import check_folder
+    from ..registry import STUDIES
 
     out = arguments.out or Path("runs") / "geometry"
     check_folder(out)
-    study = importlib.import_module("handbench.methods.geometry.study")
+    run = STUDIES.load("geometry")
     command = ["handbench", *sys.argv[1:]]
-    found = study.run(arguments.protocol, out, arguments.data, arguments.preset, arguments.seed, command)
-    show(study.render(found["table"]))
-    say(f"every frame: {out / study.RESULT}")
+    found = run(arguments.protocol, out, arguments.data, arguments.preset, arguments.seed, command)
+    from ..studies.geometry.study import RESULT, render
+
+    show(render(found["table"]))
+    say(f"every frame: {out / RESULT}")
     return 0

@@ -24,11 +24,11 @@ from handbench.methods.geometry.networks import divergence
 from handbench.methods.geometry.neutral import neutral, warped
 from handbench.methods.geometry.scan import depth_maps, picture, scan
 from handbench.methods.geometry.skeleton import directions, posed_points, regressor
-from handbench.methods.geometry.study import geometry_report, run
 from handbench.methods.geometry.training import Lesson, closest, laplacian
 from handbench.metrics.geometry.points import point_error
 from handbench.metrics.geometry.surface import surface_distances
 from handbench.scene import Camera, Frame, Mesh, Observation, Pose
+from handbench.studies.geometry.study import geometry_report, run
 
 SMALL = Config(image=32, depth=32, points=400, steps=4, warmup=1, code=8)
 HAND = OpenHand.load()

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from handbench.bench.priors import Priors
+from handbench.bench.priors import Priors, Training
 from handbench.bench.store import Store
 from handbench.render.see import shadowstore
 from handbench.render.see.shadowstore import ShadowStore, kept_on_disk, shadow_store, surface_key
@@ -189,5 +189,6 @@ def test_training_keeps_its_shadows_in_the_cache_and_only_training(tmp_path: Pat
             told.append(shadow_store())
             return self
 
-    Priors(Store(tmp_path / "run")).get("key", Told(), lambda: None, 0, lambda *told, **values: None, lambda: None)
+    training = Training("key", Told(), 0, lambda: None, lambda: None)
+    Priors(Store(tmp_path / "run")).get(training, lambda *told, **values: None)
     assert told == [tmp_path / "data" / "shadows", None, None]

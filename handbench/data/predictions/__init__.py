@@ -10,7 +10,8 @@ manifest.py   the two JSON files
 picture.py    one EXR file
 folder.py     the whole folder against what a protocol asks
 template.py   what a protocol asks, for software that is not handbench
-method.py     a folder as a method of the bench
+
+`handbench.methods.predictions` is a folder as a method of the bench.
 """
 
 from .folder import Asked, PredictionFolder, read_folder

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +19,7 @@ from ...bench.run import find_protocol
 from ...bench.store import Store
 from ...data.capture import Capture, open_capture
 from ...errors import InputError
-from ...registry import METHODS, METRICS
+from ...registry import METHODS
 from ...results.reading import read_run
 from ...results.record import CellRecord, MethodRecord, RunRecord
 from ...scene import Frame, Prediction
@@ -65,7 +64,9 @@ class Evidence:
 
     @cached_property
     def metrics_module(self) -> ModuleType:
-        return importlib.import_module(METRICS.package)
+        from ... import metrics
+
+        return metrics
 
     @cached_property
     def metrics(self) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
@@ -115,7 +114,8 @@ def _broken(picture: Array) -> dict[str, tuple[Array, Array, Array]]:
 
 def _score(name: str, prediction: Array, truth: Array, mask: Array) -> float:
     """The value; a score without one raises its reason, as the error that a method would raise."""
-    metrics = importlib.import_module(METRICS.package)
+    from ... import metrics
+
     (score,) = metrics.metric(name)([metrics.Pair(prediction, truth, mask)])
     if score.value is None:
         raise Unsupported(score.reason)

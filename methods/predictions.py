@@ -7,12 +7,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ...errors import InputError, Unsupported
-from ...method import Avatar, Method, MethodInfo, Prior, Progress, RecordedAvatar, Recording, silent
-from ...registry import Entry
-from ...scene import LIGHT_KINDS, Prediction, Query
-from .folder import PredictionFolder, picture_path
-from .picture import Misfit, read_picture
+from handbench.data.predictions.folder import PredictionFolder, picture_path
+from handbench.data.predictions.picture import Misfit, read_picture
+from handbench.errors import InputError, Unsupported
+from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, RecordedAvatar, Recording, silent
+from handbench.registry import Entry
+from handbench.scene import LIGHT_KINDS, Prediction, Query
 
 FIDELITY = "predictions from a folder, not run here"
 

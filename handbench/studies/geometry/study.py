@@ -12,24 +12,23 @@ from typing import Any
 
 from rich.table import Table
 
-from handbench.bench.progress import steps
-from handbench.bench.protocol import Protocol, resolve
-from handbench.bench.provenance import provenance
-from handbench.bench.run import find_protocol
-from handbench.data.capture import Capture, open_capture
-from handbench.errors import StorageError, Unsupported
-from handbench.files import whole
-from handbench.hand import hand_of
-from handbench.method import Progress, Recording, silent
-from handbench.metrics.geometry.points import point_error
-from handbench.metrics.geometry.surface import mean, percentile95, surface_distances
-from handbench.results.schema import plain
-from handbench.scene import Array, Frame, Mesh, needed
-
-from .neutral import full_frames, neutral
-from .scan import scan
-from .skeleton import posed_points
-from .tracker import NAME, GeometryPrior, Tracking, create
+from ...bench.progress import steps
+from ...bench.protocol import Protocol, resolve
+from ...bench.provenance import provenance
+from ...bench.run import find_protocol
+from ...data.capture import Capture, open_capture
+from ...errors import StorageError, Unsupported
+from ...files import whole
+from ...hand import hand_of
+from ...method import Progress, Recording, silent
+from ...methods.geometry.neutral import full_frames, neutral
+from ...methods.geometry.scan import scan
+from ...methods.geometry.skeleton import posed_points
+from ...methods.geometry.tracker import NAME, GeometryPrior, Tracking, create
+from ...metrics.geometry.points import point_error
+from ...metrics.geometry.surface import mean, percentile95, surface_distances
+from ...results.schema import plain
+from ...scene import Array, Frame, Mesh, needed
 
 SCHEMA = 1
 RESULT = "geometry.json"
