@@ -39,6 +39,7 @@ class HandModel(ABC):
     pose_shapes     (V, 3, 9 (J - 1)) displacement per element of R - I, row by row, of all joints but the root (MANO:
                     135), or None
     tip_vertices    five coarse vertices that are the finger tips, or None if bones end in the tips
+    limits          (J, 3, 2) radians: least and greatest of each component of the axis-angles, or None (MANO: none)
     """
 
     name: str
@@ -55,6 +56,7 @@ class HandModel(ABC):
     levels: int
     pose_shapes: Array | None = None
     tip_vertices: tuple[int, ...] | None = None
+    limits: Array | None = None
 
     # -- shapes and poses -------------------------------------------------------------------------------------------
 
