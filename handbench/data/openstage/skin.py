@@ -187,7 +187,7 @@ def _melanin(at: Places, look: SkinLook, draws: _Draws, bands: Bands, seen: _Rel
     melanin = full * (1 - seen.palm * (0.35 + 0.30 * float(smoothstep(0.15, 0.6, np.asarray(look.melanin)))))
     uneven = 0.27 * slow + 0.15 * broad + (0.025 + 0.02 * back) * fine + 0.02 * grain
     dark = 0.10 + 0.5 * look.joints
-    melanin *= 1 + uneven / (1 + 0.12 * full) + dark * seen.joints * back / (1 + 0.12 * full)
+    melanin *= 1 + uneven / (1 + 0.35 * full) + dark * seen.joints * back / (1 + 0.12 * full)
     sun = look.tan * (0.55 + 0.08 * full) * smoothstep(0.7, -0.4, at.facing + 0.4 * bands.mm26[3])
     if look.sleeve is not None:
         sun *= smoothstep(look.sleeve - 4e-3, look.sleeve + 4e-3, at.position[:, 1] + 1.5e-3 * broad)
@@ -222,7 +222,7 @@ def _blood(at: Places, look: SkinLook, draws: _Draws, bands: Bands, seen: _Relie
     slow, broad, fine = bands.mm26[1] + 0.5 * bands.mm11[2], bands.mm6[2], 0.8 * bands.mm3[1] + 0.5 * bands.mm1[1]
     uneven = look.mottling * (0.36 * slow + 0.24 * broad + (0.14 + 0.10 * seen.palm) * fine)
     uneven += 0.04 * bands.fine[1]
-    share = 0.72 + 0.5 * seen.joints * back + seen.palm * (0.25 + 0.4 * _pads(at)) - 0.2 * _webs(at)
+    share = 0.72 + 0.5 * seen.joints * back + seen.palm * (0.32 + 0.4 * _pads(at)) - 0.2 * _webs(at)
     share = (
         share * (1 + uneven + look.mottling * _fingers(at, draws.rng("fingers")))
         + look.creases * (0.4 * seen.lines + 0.4 * seen.folds)
@@ -235,7 +235,7 @@ def _nailed(look: SkinLook, nail: Nails, albedo: Array, path: Array) -> tuple[Ar
     """Colour and mean free path with nails: pink beds, pale lunula and free edge, folds around; or polish."""
     blood = look.haemoglobin * (1.0 + 0.5 * nail.band - 0.45 * nail.lunula) * (1 - nail.free) + 0.12
     full = tone(look.melanin)
-    clear = 1.1 - 0.35 * nail.lunula - 0.4 * nail.free
+    clear = 1.1 - 0.35 * nail.lunula - 0.25 * nail.free
     density = clear[:, None] * BASE + ((0.05 + 0.3 * full * (1 - 0.7 * nail.free))[:, None]) * MELANIN
     plate, painted = nail.plate[:, None], nail.painted[:, None]
     bed = np.exp(-density - blood[:, None] * HAEMOGLOBIN - 0.03 * nail.ridges[:, None])
@@ -291,7 +291,8 @@ def _joints(at: Places, rng: np.random.Generator) -> Array:
 def _fingers(at: Places, rng: np.random.Generator) -> Array:
     """How much more blood each finger has than its neighbours, rising to its tip."""
     warm = np.append(rng.normal(0, 0.35, len(at.knuckles)), 0)[at.finger].astype(np.float32)  # -1 is no finger
-    return warm * np.clip(at.along / at.knuckles[at.finger, 3], 0, 1)
+    knuckles = at.knuckles[at.finger]
+    return warm * np.clip((at.along - 0.6 * knuckles[:, 1]) / (knuckles[:, 3] - 0.6 * knuckles[:, 1]), 0, 1)
 
 
 def _pads(at: Places) -> Array:
