@@ -1,6 +1,7 @@
 """The autoencoder as one module: who a hand is, how it is posed, and the surface that follows.
 
-Networks run on their device, geometry on the CPU. All lengths are metres; key points are those of `skeleton`.
+Networks and geometry are on one device; scans, pictures and poses come from the CPU. All lengths are metres; key
+points are those of `skeleton`.
 """
 
 from __future__ import annotations
@@ -57,32 +58,45 @@ class GeometryModel(nn.Module):
         self.pose_encoder = PoseEncoder(points, joints)
         self.pose_decoder = PoseDecoder(joints, config.code, vertices)
         channels_last(self)
-        self._vertices = torch.tensor(neutral).float()
-        self._points = torch.tensor(hand.points).float()
-        self._weights = torch.tensor(np.concatenate([hand.weights(0), hand.point_weights])).float()
-        self._bones = torch.tensor(bone_weights(hand)).float()
         free = torch.ones(joints + 2, 1)
         free[hand.parents.index(-1)] = 0.0  # the rigid placement of the hand moves the root
-        self._free = free
-        self.still = torch.zeros(joints + 2, 3)
-        """What `beyond` says when a picture adds nothing."""
+        # of the hand, so not saved with what is learned
+        self.register_buffer("_vertices", torch.tensor(neutral).float(), persistent=False)
+        self.register_buffer("_points", torch.tensor(hand.points).float(), persistent=False)
+        weights = np.concatenate([hand.weights(0), hand.point_weights])
+        self.register_buffer("_weights", torch.tensor(weights).float(), persistent=False)
+        self.register_buffer("_bones", torch.tensor(bone_weights(hand)).float(), persistent=False)
+        self.register_buffer("_free", free, persistent=False)
+        self.register_buffer("still", torch.zeros(joints + 2, 3), persistent=False)
 
-    def _run(self, network: nn.Module, *inputs: Tensor) -> tuple[Tensor, ...]:
-        """A network on single inputs without a batch axis, there and back from its device."""
-        place = next(network.parameters()).device
-        found = network(*(x[None].to(place) for x in inputs))
-        return tuple(x[0].cpu() for x in (found if isinstance(found, tuple) else (found,)))
+    _vertices: Tensor
+    _points: Tensor
+    _weights: Tensor
+    _bones: Tensor
+    _free: Tensor
+    still: Tensor
+    """What `beyond` says when a picture adds nothing."""
+
+    def here(self, values: Array) -> Tensor:
+        """Values as a tensor on the model's device, float32."""
+        return torch.tensor(values).float().to(self._points.device)
+
+    @staticmethod
+    def _run(network: nn.Module, *inputs: Tensor) -> tuple[Tensor, ...]:
+        """A network on single inputs without a batch axis."""
+        found = network(*(x[None] for x in inputs))
+        return tuple(x[0] for x in (found if isinstance(found, tuple) else (found,)))
 
     def start(self, hands: Sequence[Array]) -> None:
         """Begin with the joints' principal components of neutral hands in the reference frame, each (P, 3)."""
-        near = torch.from_numpy(np.stack(hands)).float().sub(self._points) / _NEAR
-        place = self.identity_decoder.straight.weight.device
-        principal(self.identity_encoder, self.identity_decoder, near.to(place), _NEAR)
+        near = self.here(np.stack(hands)).sub(self._points) / _NEAR
+        principal(self.identity_encoder, self.identity_decoder, near, _NEAR)
 
     def encode(self, aligned: Scan, points: Array) -> tuple[Tensor, Tensor]:
         """Mean and log variance (Z,) of the identity code of a neutral hand in the reference frame."""
-        near = (torch.from_numpy(points).float() - self._points) / _NEAR
-        mean, log_variance = self._run(self.identity_encoder, depth_maps(aligned, self.config.depth), near)
+        near = (self.here(points) - self._points) / _NEAR
+        maps = depth_maps(aligned, self.config.depth).to(near.device)
+        mean, log_variance = self._run(self.identity_encoder, maps, near)
         return mean, log_variance
 
     def shape(self, code: Tensor) -> Shape:
@@ -94,33 +108,33 @@ class GeometryModel(nn.Module):
     def beyond(self, picture: Tensor, camera: Camera, observed: Array, told: Pose) -> Tensor:
         """What a picture adds to the pose that its key points (P, 3) tell: (J + 2, 3) radians, the last one metres."""
         seen = (observed - observed[self.hand.wrist]) @ camera.rotation.T
-        positions = torch.from_numpy(seen / _FAR).float()
-        (found,) = self._run(self.pose_encoder, picture, positions, torch.tensor(told.joints).float())
+        positions, joints = self.here(seen / _FAR), self.here(told.joints)
+        (found,) = self._run(self.pose_encoder, picture.to(joints.device), positions, joints)
         found = found * self._free
         return torch.cat([found[:-1], OFFSET * found[-1:]])
 
     def told(self, shape: Shape, observed: Array) -> Pose:
         """The pose that key points (P, 3) tell of this hand in closed form; not differentiated through."""
-        return directions(self.hand, shape.points.detach().double().numpy(), observed)
+        return directions(self.hand, shape.points.detach().cpu().double().numpy(), observed)
 
     def posed(self, shape: Shape, told: Pose, beyond: Tensor) -> Posed:
         """Template + identity and pose correctives, linear blend skinning, subdivision to the capture's level."""
-        joints = torch.tensor(told.joints).float() + beyond[:-2]
+        joints = self.here(told.joints) + beyond[:-2]
         (correctives,) = self._run(self.pose_decoder, joints, shape.code)
         carried = torch.cat([shape.vertices + correctives, shape.points])
         skinned = forward(self.hand, carried, shape.points, self._weights, joints, beyond[-2], beyond[-1])
-        placed = skinned @ _matrix(told).T + torch.tensor(told.translation).float()
+        placed = skinned @ self.here(_matrix(told)).T + self.here(told.translation)
         count = len(shape.vertices)
         return Posed(self.hand.subdivide(placed[:count], self.level), placed[count:], correctives)
 
 
 def combined(told: Pose, beyond: Tensor) -> Pose:
     """The whole pose: v -> R (exp(turn) skinned + shift) + t as one placement."""
-    extra = beyond.double().numpy()
+    extra = beyond.cpu().double().numpy()
     placed = Rotation.from_rotvec(told.rotation.copy())
     rotation = (placed * Rotation.from_rotvec(extra[-2])).as_rotvec()
     return Pose(told.joints + extra[:-2], rotation, placed.apply(extra[-1]) + told.translation)
 
 
-def _matrix(pose: Pose) -> Tensor:
-    return torch.tensor(Rotation.from_rotvec(pose.rotation.copy()).as_matrix()).float()
+def _matrix(pose: Pose) -> Array:
+    return Rotation.from_rotvec(pose.rotation.copy()).as_matrix()

@@ -60,7 +60,7 @@ def forward(
     """Linear blend skinning of points (N, 3) with weights (N, J) by a skeleton with key points `rest` (P, 3)."""
     dtype = carried.dtype
     heads = rest[: len(hand.parents)]
-    frames = torch.tensor(hand.frames, dtype=dtype)
+    frames = torch.tensor(hand.frames, dtype=dtype, device=carried.device)
     return linear_blend(carried, heads, hand.parents, weights.to(dtype), frames, joints, turn, shift)
 
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from handbench.device import device
-from handbench.errors import NonFinite, Unsupported
+from handbench.errors import InputError, NonFinite, Unsupported
 from handbench.hand import hand_model, hand_of
 from handbench.method import Progress, Recording, silent
 from handbench.scene import Array, Frame, Mesh, Pose, Topology, Viewpoint, needed
@@ -91,7 +91,8 @@ class GeometryPrior:
         posed = self.model.posed(person.shape, told, beyond)
         if not posed.vertices.isfinite().all():
             raise NonFinite("geometry: the tracked surface is not finite; train again")
-        return Tracked(Mesh(posed.vertices.numpy(), topology), combined(told, beyond), posed.points.numpy())
+        vertices, points = posed.vertices.cpu().numpy(), posed.points.cpu().numpy()
+        return Tracked(Mesh(vertices, topology), combined(told, beyond), points)
 
     def save(self, folder: Path) -> None:
         """Write everything `Tracker.load` needs into an existing folder."""
@@ -126,9 +127,12 @@ class Tracker:
     def load(self, folder: Path) -> GeometryPrior:
         """The prior that `GeometryPrior.save` wrote. Raises `InputError` for another version or configuration."""
         state = load_state(folder, NAME, asdict(self._config))
-        hand = hand_model(bytes(state.pop("hand").tolist()).decode())
-        model = GeometryModel(self._config, hand, int(state.pop("level")))
-        model.load_state_dict(state)
+        try:
+            hand = hand_model(bytes(state.pop("hand").tolist()).decode())
+            model = GeometryModel(self._config, hand, int(state.pop("level")))
+            model.load_state_dict(state)
+        except (KeyError, ValueError, TypeError, RuntimeError) as error:
+            raise InputError(f"weights in {folder} are of another version of {NAME}; train again") from error
         return GeometryPrior(model.to(device()))
 
 

@@ -84,7 +84,7 @@ class Lesson:
         model, config, sample = self.model, self.model.config, self.samples[number]
         seen, points, size, other = self._identity(self.neutrals[sample.subject], rng)
         mean, log_variance = model.encode(seen, points)
-        noise = torch.from_numpy(rng.standard_normal(config.code)).float()
+        noise = model.here(rng.standard_normal(config.code))
         shape = model.shape(mean + noise * (0.5 * log_variance).exp())
         # a deformed hand exists in the neutral pose alone, and no picture shows it
         observed, surface = (points, seen.points) if other else (size * sample.observed, size * sample.scan)
@@ -92,13 +92,13 @@ class Lesson:
         beyond = model.still if other else model.beyond(sample.picture, sample.camera, observed, told)
         posed = model.posed(shape, told, beyond)
         chosen = rng.choice(len(surface), min(config.points, len(surface)), replace=False)
-        target = torch.from_numpy(surface[chosen]).float()
+        target = model.here(surface[chosen])
         apart = target - closest(posed.vertices, model.hand.topology(model.level).faces, target)
         rough = torch.stack(
-            [(laplacian(model.hand) @ (_MM * x)).square().mean() for x in (shape.offsets, posed.correctives)]
+            [(laplacian(model.hand, x.device) @ (_MM * x)).square().mean() for x in (shape.offsets, posed.correctives)]
         )
         return {
-            "joint": config.joint * (_MM * (posed.points - torch.from_numpy(observed).float())).abs().mean(),
+            "joint": config.joint * (_MM * (posed.points - model.here(observed))).abs().mean(),
             "scan": config.scan * (_MM * apart).abs().mean(),
             "code": config.divergence * divergence(mean, log_variance),
             "smooth": config.smooth * rough.sum(),
@@ -113,16 +113,17 @@ def closest(vertices: Tensor, faces: Array, points: Tensor) -> Tensor:
 
     scene = o3d.t.geometry.RaycastingScene()
     tensor = o3d.core.Tensor.from_numpy
-    scene.add_triangles(tensor(vertices.detach().numpy()), tensor(faces.astype(np.uint32)))
-    found = scene.compute_closest_points(tensor(points.numpy()))
-    u, v = torch.from_numpy(found["primitive_uvs"].numpy()).unbind(-1)
+    scene.add_triangles(tensor(vertices.detach().cpu().numpy()), tensor(faces.astype(np.uint32)))
+    found = scene.compute_closest_points(tensor(points.cpu().numpy()))
+    u, v = torch.from_numpy(found["primitive_uvs"].numpy()).to(vertices.device).unbind(-1)
     corners = torch.from_numpy(faces[found["primitive_ids"].numpy().astype(np.int64)].astype(np.int64))
+    corners = corners.to(vertices.device)
     weights = torch.stack([1.0 - u - v, u, v], dim=-1)
     return (weights[..., None] * vertices.index_select(0, corners.flatten()).unflatten(0, (-1, 3))).sum(dim=1)
 
 
 @lru_cache
-def laplacian(hand: HandModel) -> Tensor:
+def laplacian(hand: HandModel, device: torch.device) -> Tensor:
     """Each coarse vertex minus the mean of its neighbours, (V, V) sparse."""
     pairs = hand.edges()
     pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
@@ -133,4 +134,4 @@ def laplacian(hand: HandModel) -> Tensor:
     matrix = torch.sparse_coo_tensor(
         torch.from_numpy(index), torch.from_numpy(values).float(), (count, count), check_invariants=False
     )
-    return matrix.coalesce()
+    return matrix.coalesce().to(device)

@@ -23,7 +23,7 @@ from handbench.recording import Need
 from handbench.render.see.raster import Raster, rasterise
 from handbench.render.shade.shading import Model, light_features
 from handbench.render.uv.posed import PosedSurface
-from handbench.scene import Array, Frame, Light, Prediction, Viewpoint, needed
+from handbench.scene import KNOWN_LIGHTS, Array, Frame, Light, Prediction, Viewpoint, needed
 from handbench.skips import note, skips
 
 from ..kit.picture import prediction
@@ -225,6 +225,21 @@ class _Fit:
         scales = min((c for c in choices if (c >= 0).all()), key=lambda c: c @ normal @ c - 2 * c @ right)
         error = (self._square + scales @ normal @ scales - 2 * scales @ right) / self._count
         return float(error), float(scales[0]), float(scales[1])
+
+
+def described(name: str, title: str, summary: str) -> MethodInfo:
+    """What every reflectance method says of itself, with its name."""
+    return MethodInfo(
+        name=name,
+        title=title,
+        summary=summary,
+        universal=True,
+        needs=FULLY_LIT,
+        trains_on=FULLY_LIT | {"olat or group"},
+        linear=True,
+        lights=KNOWN_LIGHTS,
+        fidelity="reference: no learned network",
+    )
 
 
 def create(info: MethodInfo, model: Model, preset: str) -> Method:

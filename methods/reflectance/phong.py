@@ -2,22 +2,11 @@
 
 from __future__ import annotations
 
-from handbench.method import Method, MethodInfo
-from handbench.scene import KNOWN_LIGHTS
+from handbench.method import Method
 
 from . import model as reflectance
 
-INFO = MethodInfo(
-    name="phong",
-    title="Phong",
-    summary="mean texture and Phong reflectance on the tracked mesh",
-    universal=True,
-    needs=reflectance.FULLY_LIT,
-    trains_on=reflectance.FULLY_LIT | {"olat or group"},
-    linear=True,
-    lights=KNOWN_LIGHTS,
-    fidelity="reference: no learned network",
-)
+INFO = reflectance.described("phong", "Phong", "mean texture and Phong reflectance on the tracked mesh")
 
 
 def create(preset: str = "quick") -> Method:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from handbench.methods.geometry.neutral import neutral, warped
 from handbench.methods.geometry.scan import depth_maps, picture, scan
 from handbench.methods.geometry.skeleton import directions, posed_points, regressor
 from handbench.methods.geometry.training import Lesson, closest, laplacian
+from handbench.methods.kit.weights import save_state
 from handbench.metrics.geometry.points import point_error
 from handbench.metrics.geometry.surface import surface_distances
 from handbench.scene import Camera, Frame, Mesh, Observation, Pose
@@ -138,10 +139,10 @@ def test_closest_points_are_on_the_surface_and_differentiable() -> None:
 
 def test_laplacian_of_a_constant_is_zero_and_of_a_spike_is_not() -> None:
     count = len(HAND.template.vertices)
-    assert (laplacian(HAND) @ torch.ones(count, 1)).abs().max() < 1e-6
+    assert (laplacian(HAND, torch.device("cpu")) @ torch.ones(count, 1)).abs().max() < 1e-6
     spike = torch.zeros(count, 1)
     spike[7] = 1.0
-    assert (laplacian(HAND) @ spike)[7] == 1.0
+    assert (laplacian(HAND, torch.device("cpu")) @ spike)[7] == 1.0
 
 
 def test_scans_lie_on_the_tracked_surface(lit: Recording) -> None:
@@ -342,3 +343,11 @@ def test_settings_that_make_no_sense() -> None:
             Config(**bad)
     with pytest.raises(InputError, match="did you mean 'quick'"):
         create("quik")
+
+
+def test_a_prior_of_a_version_that_did_not_tell_its_hand_is_one_sentence(tmp_path: Path) -> None:
+    model = GeometryModel(SMALL, HAND, 1)
+    for lost in ({"level": torch.tensor(1)}, {"hand": torch.tensor([*b"openhand"], dtype=torch.uint8)}):
+        save_state(tmp_path, "geometry", asdict(model.config), {**model.state_dict(), **lost})
+        with pytest.raises(InputError, match="are of another version of geometry; train again"):
+            Tracker(SMALL).load(tmp_path)

@@ -16,6 +16,9 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from handbench.hand.openhand import OpenHand, named_pose
 from handbench.light.lightset import LightSet
+from handbench.methods.geometry.config import configuration as geometry_preset
+from handbench.methods.geometry.model import GeometryModel
+from handbench.methods.geometry.scan import Scan
 from handbench.methods.relightablehands.config import PRESETS as RELIGHTABLE
 from handbench.methods.relightablehands.model import RelightableHandsModel, Seen, lit
 from handbench.methods.urhand import lighting
@@ -101,3 +104,25 @@ def test_the_product_of_another_device_is_the_cpus(mesh: Mesh) -> None:
     assert expected.abs().max() > 0.5 and (expected - found).abs().max() < 1e-6
     wanted, gradient = (torch.autograd.grad(image.square().sum(), texture)[0] for image in (expected, found))
     assert (wanted - gradient).abs().max() < 1e-5 * wanted.abs().max()
+
+
+def test_the_geometry_autoencoder_stays_on_its_device() -> None:
+    """Scans, pictures and poses come from the CPU and tracked meshes go there; nothing between does."""
+    hand, size = OpenHand.load(), geometry_preset("smoke")
+    model = GeometryModel(size, hand, 1).eval().to(META)
+    told = named_pose("fist")
+    camera = Camera("front", 48, 64, [[200, 0, 24], [0, 200, 32], [0, 0, 1]], np.eye(3, 4))
+
+    def product(matrix: torch.Tensor, values: torch.Tensor) -> torch.Tensor:  # torch has none for meta
+        assert matrix.device == values.device
+        return values.new_empty(matrix.shape[0], values.shape[1])
+
+    with all_on_meta(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(torch.sparse, "mm", product)
+        points = np.asarray(hand.points)
+        mean, _ = model.encode(Scan(np.zeros((4, 3)), np.eye(4, 3), np.ones(4)), points)
+        shape = model.shape(mean)
+        beyond = model.beyond(torch.zeros(3, size.image, size.image), camera, points, told)
+        posed = model.posed(shape, told, beyond)
+    assert {each.device for each in (mean, shape.vertices, beyond, posed.vertices, posed.correctives)} == {META}
+    assert posed.vertices.shape == hand.rest_position(1).shape

@@ -112,7 +112,7 @@ class OpenHand(HandModel):
         if vertices.ndim != 2 or len(vertices) != coarse:
             raise InputError(f"subdivide: vertices have shape {tuple(vertices.shape)}, expected ({coarse}, n)")
         for step in range(1, self._level(level) + 1):
-            vertices = torch.sparse.mm(self._matrix(step, vertices.dtype), vertices)
+            vertices = torch.sparse.mm(self._matrix(step, vertices.dtype, vertices.device), vertices)
         return vertices
 
     def topology(self, level: int) -> Topology:
@@ -168,15 +168,15 @@ class OpenHand(HandModel):
 
         return self._cached(("step", level), build)
 
-    def _matrix(self, level: int, dtype: torch.dtype) -> Tensor:
+    def _matrix(self, level: int, dtype: torch.dtype, device: torch.device) -> Tensor:
         def build() -> Tensor:
             matrix = self._step(level).matrix.tocoo()
             index = torch.from_numpy(np.stack(matrix.coords))
-            return torch.sparse_coo_tensor(
-                index, torch.tensor(matrix.data, dtype=dtype), matrix.shape, check_invariants=False
-            ).coalesce()
+            values = torch.tensor(matrix.data, dtype=dtype)
+            made = torch.sparse_coo_tensor(index, values, matrix.shape, check_invariants=False)
+            return made.coalesce().to(device)
 
-        return self._cached(("matrix", level, dtype), build)
+        return self._cached(("matrix", level, dtype, device), build)
 
     def _subdivided(self, name: str, level: int, values: NDArray[Any]) -> NDArray[Any]:
         def build() -> NDArray[Any]:
