@@ -85,7 +85,8 @@ class Lit:
 def lit(posed: Posed, lights: Sequence[Known], skies: Sequence[Sky | None], bounces: int, seed: int) -> Lit:
     """All lights on a surface; skies are the tables of those that are environments. bounces between parts: 0, 1, 2 …"""
     count = len(posed.mesh.vertices)
-    around = _around(posed, seed) if bounces or any(skies) else None
+    shapes = {sky.density.shape for sky in skies if sky is not None}
+    around = _around(posed, shapes, seed) if bounces or any(skies) else None
     arrives = np.zeros((3, count, len(lights)), np.float32)
     environments = tuple(i for i, sky in enumerate(skies) if sky is not None)
     turns = np.zeros((count, 3, 3, len(environments)), np.float32)
@@ -144,21 +145,21 @@ def _single(posed: Posed, light: Known) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class _Around:
-    """Rays by cosine from the sparse points: directions (M, K, 3) and what they hit."""
+    """Rays by cosine from the sparse points: what they hit, and texels (M, K) of maps of given shapes they point to."""
 
-    directions: Array
     hits: Hits
+    texels: dict[tuple[int, ...], tuple[Array, Array]]
 
 
-def _around(posed: Posed, seed: int) -> _Around:
+def _around(posed: Posed, shapes: set[tuple[int, ...]], seed: int) -> _Around:
     middle = posed.sparse.middle
     rng = np.random.default_rng([seed, 1])
-    u, v = ((_spread(_AROUND, _PLASTIC)[:, k] + rng.random((len(middle), 1))) % 1.0 for k in range(2))
+    u, v = ((_spread(_AROUND, _PLASTIC)[:, k] + rng.random((len(middle), 1), np.float32)) % 1.0 for k in range(2))
     radius, turn = np.sqrt(u), 2 * np.pi * v
     local = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - u)], axis=2)
-    directions = to_world(posed.mesh.normals[middle], local)
+    directions = to_world(posed.mesh.normals[middle].astype(np.float32), local)
     hits = posed.mesh.rays.cast(_starts(posed, _AROUND), directions.reshape(-1, 3))
-    return _Around(directions, hits)
+    return _Around(hits, {shape: texels(directions, *shape) for shape in shapes})
 
 
 def _starts(posed: Posed, times: int) -> Array:
@@ -171,7 +172,7 @@ def _starts(posed: Posed, times: int) -> Array:
 def _environment(posed: Posed, sky: Sky, around: _Around, seed: int) -> tuple[Array, Array]:
     """Light of a map that enters each vertex (3, V), and how it turns (V, 3, 3)."""
     enters, turns = sky.unshadowed(posed.mesh.normals)
-    found = sky.rest[texels(around.directions, *sky.density.shape)]
+    found = sky.rest[around.texels[sky.density.shape]]
     free = ~around.hits.hit.reshape(found.shape[:2])
     shares = np.stack([_share(found, free), _aimed(posed, sky, seed)], axis=1)  # (M, 2, 3)
     shares = (posed.sparse.spread @ shares.reshape(len(shares), -1)).reshape(-1, 2, 3)
@@ -182,7 +183,7 @@ def _environment(posed: Posed, sky: Sky, around: _Around, seed: int) -> tuple[Ar
 
 def _share(light: Array, free: Array) -> Array:
     """Which share of light (M, K, 3) comes along the free ones of K ways; 1 where there is none."""
-    whole, left = light.sum(axis=1), (light * free[..., None]).sum(axis=1)
+    whole, left = np.einsum("mkc->mc", light), np.einsum("mkc,mk->mc", light, free.astype(light.dtype))
     return np.where(whole > 0, left / np.where(whole > 0, whole, 1), 1.0)
 
 
@@ -192,7 +193,7 @@ def _aimed(posed: Posed, sky: Sky, seed: int) -> Array:
     if not len(sky.slots):
         return np.ones((len(middle), 3))
     rng = np.random.default_rng([seed, 2])
-    picks = [(_spread(_AIMED, _GOLDEN3)[:, k] + rng.random((len(middle), 1))) % 1.0 for k in range(3)]
+    picks = [(_spread(_AIMED, _GOLDEN3)[:, k] + rng.random((len(middle), 1), np.float32)) % 1.0 for k in range(3)]
     direction, radiance = sky.aim(*(pick.ravel() for pick in picks))
     normals = posed.mesh.normals[middle].repeat(_AIMED, axis=0)
     cosine = np.maximum(dot(direction, normals), 0)
@@ -241,7 +242,7 @@ def _free_path(surface: TracedSurface) -> Array:
 
 def _spread(count: int, steps: tuple[float, ...]) -> Array:
     """Evenly spread points (count, d) of the unit cube: an additive recurrence."""
-    return np.arange(count)[:, None] * np.array(steps) % 1.0
+    return (np.arange(count)[:, None] * np.array(steps) % 1.0).astype(np.float32)
 
 
 def to_world(normals: Array, local: Array) -> Array:

@@ -17,6 +17,8 @@ for: then nothing is gained, and where much is absorbed, thin parts are brighter
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,23 +101,32 @@ def diffusion(points: Points, free_path: Array, albedo: Array, rays: RayScene) -
     typical, longest = np.median(scale[scatters], axis=0), np.quantile(scale[scatters], 0.99, axis=0)
     kinds = [(channel, share, wide) for channel in range(3) for share, wide in _LOBES]
     steps = [_step(fine.spacing, float(typical[channel] * wide)) for channel, _, wide in kinds]
-    levels = {step: level(fine, step) for step in sorted(set(steps))}
-    reach = {step: 0.0 for step in levels}
+    reach: dict[float, float] = {}
     for step, (channel, _, wide) in zip(steps, kinds, strict=True):
-        reach[step] = max(reach[step], _REACH * float(longest[channel]) * wide)
-    pairs = {step: _pairs(levels[step].points, reach[step], rays) for step in levels}
-    channels: tuple[list[_Lobe], ...] = ([], [], [])
-    for step, (channel, share, wide) in zip(steps, kinds, strict=True):
-        on, near = levels[step], pairs[step]
+        reach[step] = max(reach.get(step, 0.0), _REACH * float(longest[channel]) * wide)
+
+    def clustered(step: float) -> tuple[Level, _Pairs]:
+        on = level(fine, step)
+        return on, _pairs(on.points, reach[step], rays)
+
+    def lobe(step: float, kind: tuple[int, float, float]) -> tuple[_Lobe, Array | None]:
+        channel, share, wide = kind
+        on, near = levels[step]
         local = on.gather @ scale[:, channel]
         sharper = _unblurred(local * wide, on.points.spacing if step else 0.0)
         weights = _profile(on.points, near, sharper) * np.float32(share)
-        if wide > 1:
-            through = _through(on.points, near, local * PROFILE)
-            weights = weights + through
-            extra = on.spread @ np.asarray(through.sum(axis=1))
-            kept[:, channel] = 1 / (1 + np.clip(albedo[:, channel], 0, 1) * extra)
-        channels[channel].append(_Lobe(on, weights))
+        if wide == 1:
+            return _Lobe(on, weights), None
+        through = _through(on.points, near, local * PROFILE)
+        return _Lobe(on, weights + through), on.spread @ np.asarray(through.sum(axis=1))
+
+    channels: tuple[list[_Lobe], ...] = ([], [], [])
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        levels = dict(zip(reach, threads.map(clustered, reach), strict=True))
+        for (channel, _, _), (made, extra) in zip(kinds, threads.map(lobe, steps, kinds), strict=True):
+            channels[channel].append(made)
+            if extra is not None:
+                kept[:, channel] = 1 / (1 + np.clip(albedo[:, channel], 0, 1) * extra)
     return Diffusion(tuple(map(tuple, channels)), kept, scatters)
 
 

@@ -88,14 +88,14 @@ def sample(alpha: Array, view: Array, u: Array, v: Array) -> Array:
     Heitz, "Sampling the GGX distribution of visible normals", 2018.
     """
     stretched = view * np.stack([alpha, alpha, np.ones_like(alpha)], axis=1)
-    stretched /= np.linalg.norm(stretched, axis=1, keepdims=True)
+    stretched /= np.sqrt(dot(stretched, stretched))[:, None]
     across = np.hypot(stretched[:, 0], stretched[:, 1])
     flat = across < 1e-7
     safe = np.where(flat, 1.0, across)
     first = np.stack(
         [np.where(flat, 1.0, -stretched[:, 1] / safe), np.where(flat, 0.0, stretched[:, 0] / safe)], axis=1
     )
-    first = np.concatenate([first, np.zeros((len(first), 1))], axis=1)
+    first = np.concatenate([first, np.zeros((len(first), 1), first.dtype)], axis=1)
     second = np.cross(stretched, first)
     radius, turn = np.sqrt(u), 2 * np.pi * v
     x, y = radius * np.cos(turn), radius * np.sin(turn)
@@ -105,7 +105,7 @@ def sample(alpha: Array, view: Array, u: Array, v: Array) -> Array:
     half = x[:, None] * first + y[:, None] * second + z[:, None] * stretched
     half *= np.stack([alpha, alpha, np.ones_like(alpha)], axis=1)
     half[:, 2] = np.maximum(half[:, 2], 1e-6)
-    return half / np.linalg.norm(half, axis=1, keepdims=True)
+    return half / np.sqrt(dot(half, half))[:, None]
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,22 +46,27 @@ class View:
         self.corners: Array = faces[face].astype(np.int32)
         self.weights: Array = weights
         uvs, uv_faces = raster.mesh.topology.unwrapped
-        uv = (weights[..., None] * uvs[uv_faces[face]]).sum(axis=1)
-        self.position: Array = (weights[..., None] * raster.mesh.vertices[self.corners]).sum(axis=1)
-        self.view: Array = unit_rows(raster.camera.centre - self.position)
-        self.smooth: Array = unit_rows((weights[..., None] * raster.mesh.normals[self.corners]).sum(axis=1))
+        uv = self._between(uvs[uv_faces[face]])
+        self.position: Array = self._between(raster.mesh.vertices[self.corners])
+        self.view: Array = unit_rows(raster.camera.centre - self.position).astype(np.float32)
+        self.smooth: Array = unit_rows(self._between(raster.mesh.normals[self.corners])).astype(np.float32)
         tilted = self.smooth
         if surface.bump is not None:
-            tilted = unit_rows(self.smooth - _slope(surface.bump, uv, raster, face))
+            tilted = unit_rows(self.smooth - _slope(surface.bump, uv, raster, face)).astype(np.float32)
         self.normal: Array = _turned(tilted, self.view)
         self.facing: Array = dot(self.normal, self.view)
-        self.albedo: Array = read(surface.albedo, uv)
-        self.roughness: Array = np.clip(read(surface.roughness, uv), 0, 1)
+        self.albedo: Array = read(surface.albedo, uv).astype(np.float32)
+        self.roughness: Array = np.clip(read(surface.roughness, uv), 0, 1).astype(np.float32)
         self.leaving: Array = (1 - posed.tables.at(self.facing, self.roughness)) / (
             1 - posed.tables.mean(self.roughness)
         )
-        free_path = (weights[..., None] * posed.free_path[self.corners]).sum(axis=1)
+        free_path = self._between(posed.free_path.astype(np.float32)[self.corners])
         self.local: Array = 1 - escaped(free_path, _FURROW)
+
+    def _between(self, corners: Array) -> Array:
+        """Values (S, C) from those at the corners (S, 3, C)."""
+        first, second, third = self.weights.T[..., None]
+        return first * corners[:, 0] + second * corners[:, 1] + third * corners[:, 2]
 
     @property
     def pigment(self) -> Array:
@@ -119,7 +124,7 @@ def _single(view: View, lit: Lit, i: int, pigment: Array) -> Array:
     light, seen = lit.lights[i], lit.seen[i]
     assert seen is not None
     tables = view.posed.tables
-    visible = (view.weights * seen[view.corners]).sum(axis=1)
+    visible = dot(view.weights, seen[view.corners])
     on = np.flatnonzero(visible > 0)
     result = np.zeros((len(view.pixels), 3))
     if not len(on):
@@ -129,7 +134,7 @@ def _single(view: View, lit: Lit, i: int, pigment: Array) -> Array:
     tilted = np.maximum(dot(view.normal[on], direction), 0)
     smooth = np.maximum(dot(view.smooth[on], direction), 0)
     along, roughness = dot(view.view[on], direction), view.roughness[on]
-    glossy, relief = np.zeros((2, len(view.roughness)))
+    glossy, relief = np.zeros((2, len(view.roughness)), np.float32)
     glossy[on] = falling * gloss(roughness, view.posed.surface.specular, tilted, view.facing[on], along)
     relief[on] = falling * (tilted * (1 - tables.at(tilted, roughness)) - smooth * (1 - tables.at(smooth, roughness)))
     shine = view.sums(glossy) * view.share
@@ -144,8 +149,8 @@ def _mirrored(view: View, lit: Lit, skies: Sequence[Sky | None], per_place: int,
     rays = posed.mesh.rays
     owner = view.owner
     rng = np.random.default_rng([seed, 3])
-    turns = rng.random((len(view.pixels), 2))[owner]
-    rank = np.arange(len(owner)) - view.starts[:-1][owner]
+    turns = rng.random((len(view.pixels), 2), np.float32)[owner]
+    rank = (np.arange(len(owner)) - view.starts[:-1][owner]).astype(np.float32)
     scale = view.share / per_place
     for k in range(per_place):
         u, v = ((turns[:, d] + (rank * per_place + k) * _STEPS[d]) % 1.0 for d in range(2))
@@ -203,8 +208,8 @@ def _aimed(view: View, sky: Sky, so_far: Array, per_place: int, seed: int) -> Ar
     """What the lobes mirror of a map's bright texels (P, 3); faint shares are traced by chance, in proportion."""
     rays, owner = view.posed.mesh.rays, view.owner
     rng = np.random.default_rng([seed, 4])
-    turns = rng.random((len(view.pixels), 4))[owner]
-    rank = np.arange(len(owner)) - view.starts[:-1][owner]
+    turns = rng.random((len(view.pixels), 4), np.float32)[owner]
+    rank = (np.arange(len(owner)) - view.starts[:-1][owner]).astype(np.float32)
     threshold = _ROULETTE * so_far.sum(axis=1)[owner] + 1e-12
     result = np.zeros((len(view.pixels), 3))
     for k in range(per_place):
