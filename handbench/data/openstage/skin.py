@@ -82,7 +82,7 @@ BASE = np.array([0.17, 0.36, 0.66], np.float32)
 MELANIN = np.array([0.42, 0.57, 0.74], np.float32)
 HAEMOGLOBIN = np.array([0.09, 0.55, 0.48], np.float32)
 CAROTENE = np.array([0.0, 0.05, 0.28], np.float32)
-VEIN = np.array([0.34, 0.13, 0.0], np.float32)
+VEIN = np.array([0.40, 0.15, 0.0], np.float32)
 _FLOOR = np.float32(0.006)  # what the horny layer returns before any pigment
 INK = np.array([1.75, 1.5, 1.2], np.float32)
 
@@ -185,9 +185,9 @@ def _melanin(at: Places, look: SkinLook, draws: _Draws, bands: Bands, seen: _Rel
     slow, broad = bands.mm26[0] + 0.5 * bands.mm11[0], bands.mm11[1]
     fine, grain = 0.8 * bands.mm3[0] + 0.5 * bands.mm1[0], bands.fine[0]
     melanin = full * (1 - seen.palm * (0.35 + 0.30 * float(smoothstep(0.15, 0.6, np.asarray(look.melanin)))))
-    uneven = 0.27 * slow + 0.15 * broad + (0.025 + 0.02 * back) * fine + 0.02 * grain
+    uneven = 0.23 * slow + 0.13 * broad + (0.025 + 0.02 * back) * fine + 0.02 * grain
     dark = 0.10 + 0.5 * look.joints
-    melanin *= 1 + uneven / (1 + 0.35 * full) + dark * seen.joints * back / (1 + 0.12 * full)
+    melanin *= 1 + uneven / (1 + 0.04 * full**2) + dark * seen.joints * back / (1 + 0.12 * full)
     sun = look.tan * (0.55 + 0.08 * full) * smoothstep(0.7, -0.4, at.facing + 0.4 * bands.mm26[3])
     if look.sleeve is not None:
         sun *= smoothstep(look.sleeve - 4e-3, look.sleeve + 4e-3, at.position[:, 1] + 1.5e-3 * broad)
@@ -281,7 +281,7 @@ def _joints(at: Places, rng: np.random.Generator) -> Array:
     near = np.zeros(len(at.along), np.float32)
     for joints in at.joints:
         for joint, reach, weight in zip(joints[:3], (10e-3, 7e-3, 5e-3), (0.7, 1.0, 0.7), strict=True):
-            reach, weight = reach * rng.uniform(0.8, 1.2), weight * rng.uniform(0.35, 1.15)
+            reach, weight = reach * rng.uniform(0.8, 1.2), weight * rng.uniform(0.1, 1.3)
             on = np.flatnonzero(np.abs(at.position[:, 1] - joint[1]) < 2.5 * reach)
             away = ((at.position[on] - joint) ** 2) @ np.array([0.55, 1.0, 0.2], np.float32)
             near[on] = np.maximum(near[on], weight * np.exp(-away / np.float32(reach**2)))
