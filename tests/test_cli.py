@@ -53,7 +53,10 @@ def test_list_does_not_load_what_it_lists(capsys):
             "handbench: unknown method 'urhnad'; did you mean 'urhand' or 'urhand-phong'?\n",
         ),
         (["check", "ohy"], "handbench: unknown method 'ohy'; known: "),
-        (["data", "make", "openstag"], "handbench: unknown capture 'openstag'; did you mean 'openstage'?\n"),
+        (
+            ["data", "make", "openstag"],
+            "handbench: unknown capture 'openstag'; did you mean 'openstage' or 'openscans'?\n",
+        ),
         (["run", "absent.toml"], "handbench: protocol file absent.toml does not exist; check its path\n"),
     ],
 )

@@ -1,10 +1,11 @@
-"""A contact sheet: every subject, pose and camera of a capture under every kind of light, on one picture."""
+"""A contact sheet: subjects, poses and cameras of a capture under every kind of light, on one picture."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from ..files import whole
@@ -13,11 +14,15 @@ from ..scene.colour import eight_bit
 from .capture import Capture
 
 _MARGIN, _LABEL, _GAP = 64, 20, 3
+_POSES = 12
 _PAPER, _INK = (18, 18, 20), (225, 225, 228)
 
 
 def contact_sheet(capture: Capture, cell_height: int = 112) -> Image.Image:
-    """Rows are subject and camera, columns pose and kind of light; within a kind the lights take turns."""
+    """Rows are subject and camera, columns pose and kind of light; within a kind the lights take turns.
+
+    Of more than `_POSES` poses that many are shown, spread evenly.
+    """
     frames = capture.frames()
     subjects, cameras, kinds = (
         list(dict.fromkeys(values))
@@ -28,21 +33,26 @@ def contact_sheet(capture: Capture, cell_height: int = 112) -> Image.Image:
         )
     )
     poses = list(dict.fromkeys(f.pose_name for f in frames))
+    poses = [poses[round(i)] for i in np.linspace(0, len(poses) - 1, min(_POSES, len(poses)))]
     table: dict[tuple[str, str, str, str], list[Frame]] = {}
     for frame in frames:
         table.setdefault((frame.subject, frame.camera.name, frame.pose_name, frame.kind), []).append(frame)
     camera = frames[0].camera
     size = (round(cell_height * camera.width / camera.height), cell_height)
-    columns = [(pose, kind) for pose in poses for kind in kinds]
-    rows = [(subject, name) for subject in subjects for name in cameras]
+    shown = {(pose, kind) for _, _, pose, kind in table}
+    columns = [(pose, kind) for pose in poses for kind in kinds if (pose, kind) in shown]
+    filled = {(subject, name) for subject, name, pose, _ in table if pose in poses}
+    rows = [(subject, name) for subject in subjects for name in cameras if (subject, name) in filled]
     sheet = Image.new(
         "RGB", (_MARGIN + len(columns) * (size[0] + _GAP), 2 * _LABEL + len(rows) * (size[1] + _GAP)), _PAPER
     )
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(12)
     for j, (pose, kind) in enumerate(columns):
         x = _MARGIN + j * (size[0] + _GAP)
-        if j % len(kinds) == 0:
-            draw.text((x + 2, 3), f"{pose} ({_segment(frames, pose)})", _INK, font)
+        if j == 0 or columns[j - 1][0] != pose:
+            room = (size[0] + _GAP) * sum(other == pose for other, _ in columns)
+            title = f"{pose} ({_segment(frames, pose)})"
+            draw.text((x + 2, 3), title if font.getlength(title) < room else pose, _INK, font)
         draw.text((x + 2, _LABEL), kind, _INK, font)
     for i, (subject, name) in enumerate(rows):
         y = 2 * _LABEL + i * (size[1] + _GAP)

@@ -9,13 +9,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
+from quicktracer import Quick
 
 from handbench.bench import making
 from handbench.claims import claim
@@ -25,9 +24,7 @@ from handbench.data.openstage import make as module
 from handbench.data.openstage.capture import OpenCapture
 from handbench.data.openstage.make import make
 from handbench.data.openstage.plans import production
-from handbench.data.openstage.trace.pathtrace import PathTracer, TracedSurface
 from handbench.errors import InputError, StorageError
-from handbench.scene import Camera, Light
 from handbench.shards import Shard
 
 TINY = replace(
@@ -50,35 +47,25 @@ TINY = replace(
 PLAN = production(TINY)
 
 
-class Quick(PathTracer):
-    """Draws in no time: who made a capture, and how often, is asked here, not what is in it."""
-
-    def __init__(self, variant: str) -> None:
-        pass
-
-    def render(self, surface: TracedSurface, camera: Camera, lights: Sequence[Light], *_: Any, **__: Any) -> np.ndarray:
-        alpha = self.gbuffer(surface, camera, 4).alpha
-        return np.stack([alpha[..., None] * (surface.albedo.mean((0, 1)) + i) for i, _ in enumerate(lights)])
-
-
 @pytest.fixture(autouse=True, scope="module")
 def quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "PathTracer", Quick)
-        patch.setattr(module, "choose_variant", lambda: "scalar_rgb")
         yield
 
 
+HERE = Path(__file__).parent
 PATIENCE = 120.0  # seconds, after which a process hangs
 SCRIPT = """
 import sys
 from dataclasses import replace
 from pathlib import Path
-sys.path.insert(0, sys.argv[1])
-from test_making import PLAN, Quick
+sys.path[:0] = [sys.argv[1], sys.argv[2]]
+from quicktracer import Quick
+from test_making import PLAN
 from handbench.data.openstage import make as module
-module.PathTracer, module.choose_variant = Quick, lambda: "scalar_rgb"
-module.make(PLAN, Path(sys.argv[2]))
+module.PathTracer = Quick
+module.make(PLAN, Path(sys.argv[3]))
 """
 
 
@@ -163,7 +150,7 @@ def test_a_disk_that_fills_leaves_nothing_half_written(
 
 
 def test_a_folder_begun_with_another_preset_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "begun.json").write_text(json.dumps({"recipe": "of old", "variant": "llvm_ad_rgb"}))
+    (tmp_path / "begun.json").write_text(json.dumps({"recipe": "of old"}))
     with pytest.raises(InputError, match="was begun with another preset or generator"):
         make(PLAN, tmp_path)
 
@@ -222,7 +209,7 @@ def test_a_part_is_made_by_a_task_of_a_cluster(whole: Path, tmp_path: Path, monk
         (["openstage", "--executor", "rye"], "unknown executor 'rye'; did you mean 'ray'?"),
         (["openstage", "--cpus", "2"], "--executor ray only"),
         (["openstage", "--executor", "ray", "--shard", "1/2"], "a shard is made by one process"),
-        (["openstag", "--shard", "1/2"], "unknown capture 'openstag'; did you mean 'openstage'?"),
+        (["openstag", "--shard", "1/2"], "unknown capture 'openstag'; did you mean 'openstage' or 'openscans'?"),
         (["openstage", "--size", "hug", "--shard", "1/2"], "unknown openstage size 'hug'"),
     ],
 )
@@ -244,4 +231,4 @@ def test_a_claim_whose_folder_goes_is_taken_in_a_new_one(tmp_path: Path) -> None
 
 def _start(folder: Path) -> subprocess.Popen[bytes]:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    return subprocess.Popen([sys.executable, "-c", SCRIPT, str(Path(__file__).parent), str(folder)], env=environment)
+    return subprocess.Popen([sys.executable, "-c", SCRIPT, str(HERE), str(HERE.parent), str(folder)], env=environment)

@@ -30,7 +30,7 @@ def _recording(mesh: Mesh, texture: torch.Tensor, kind: str = "full") -> Recordi
     light = Directional([0.0, 1.0, 0.0], [1.0, 1.0, 1.0])
     frames = [
         Frame("s", "p", kind, named_pose("rest"), mesh, camera, light, "train", kind)
-        for camera in cameras(preset("quick"))
+        for camera in cameras(preset("quick"), preset("quick").cameras)
     ]
 
     def observe(frame: Frame) -> Observation:

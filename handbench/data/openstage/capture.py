@@ -62,7 +62,8 @@ class OpenCapture(Capture):
 
     @property
     def offers(self) -> frozenset[Need]:
-        parts: dict[Need, bool] = {"depth": True, "normal": True}
+        devices = (shot["device"] for _, pose in self._poses.values() for shot in pose["shots"])
+        parts: dict[Need, bool] = {"depth": True, "normal": not any(devices)}
         parts |= {"keypoints": bool(self._keypoints), "scan": self._manifest["meshes"] == "scan"}
         return super().offers | {part for part, there in parts.items() if there}
 

@@ -13,7 +13,7 @@ from .presets import GENERATOR_VERSION, SCHEMA
 from .production import Lighting, Performance, Production, Shot
 
 
-def describe(production: Production, variant: str) -> Manifest:
+def describe(production: Production) -> Manifest:
     """A production as plain values. A shot's cameras or lightings are None where they are all that there are."""
     preset = production.preset
     people = []
@@ -35,7 +35,6 @@ def describe(production: Production, variant: str) -> Manifest:
         "capture": preset.capture,
         "preset": asdict(preset),
         "recipe": preset.recipe,
-        "variant": variant,
         "joints": list(production.hand.joint_names),
         "meshes": production.meshes,
         "mesh_level": production.mesh_level,
@@ -81,6 +80,7 @@ def _shot(production: Production, shot: Shot) -> dict[str, Any]:
         "lightings": _names(shot.lightings, production.lightings),
         "estimated": shot.estimated,
         "keypoints": {name: np.round(seen, 3).tolist() for name, seen in shot.keypoints.items()},
+        "device": None if shot.device is None else vars(shot.device),
     }
 
 

@@ -26,10 +26,9 @@ from .inventory import content, files, measured, pose_files, recorded, shared_fi
 from .manifest import FILE, Manifest, read_manifest
 from .performance import Maker
 from .production import Performance, Production
-from .trace.llvm import VECTORISED
-from .trace.pathtrace import PathTracer, choose_variant
+from .trace.pathtrace import PathTracer
 
-BEGUN = "begun.json"  # which recipe a folder was begun with, and by which variant of the tracer
+BEGUN = "begun.json"  # which recipe a folder was begun with
 _LATELY = 600.0  # seconds: no file takes as long to write
 _LONGEST_PAUSE = 5.0  # seconds between looks at what other processes have made
 
@@ -38,7 +37,6 @@ def make(
     production: Production,
     folder: Path,
     progress: Progress = silent,
-    variant: str | None = None,
     mine: Collection[str] | None = None,
 ) -> tuple[str, ...]:
     """Generate what is missing of a capture in `folder`; its capture.json is written last.
@@ -46,36 +44,35 @@ def make(
     `mine` are the keys of the performances to make, None for all. What another process is at work on is left to it,
     and waited for. Returns the keys of performances of others that are not there yet; without any the capture is
     finished. Raises `StorageError` when the folder cannot be written or the disk is full, what is there stays;
-    `InputError` if the folder was begun with another recipe, or with a variant of the tracer that does not work here.
+    `InputError` if the folder was begun with another recipe.
     """
     with writing(folder, "free some space or choose another folder"):
         folder.mkdir(parents=True, exist_ok=True)
         _check_space(production, folder)
-        variant = _begin(production, folder, variant or choose_variant())
+        _begin(production, folder)
         _sweep(folder)
-        manifest = describe(production, variant)
+        manifest = describe(production)
         lost = frozenset(name for name in files(manifest) if not (folder / name).is_file())
         _save_shared(production, folder, manifest)
         chosen = [one for one in production.performances if mine is None or one.key in mine]
-        _work(Maker(production, folder, PathTracer(variant)), chosen, _files_of(folder, manifest), progress)
+        _work(Maker(production, folder, PathTracer()), chosen, _files_of(folder, manifest), progress)
         left = tuple(key for key, paths in _files_of(folder, manifest).items() if not _all_there(paths))
         if not left:
             _finish(folder, manifest, lost)
         return left
 
 
-def _begin(production: Production, folder: Path, available: str) -> str:
-    """The variant a folder was begun with, so that a resumed capture does not mix two; else the available one."""
-    note, recipe, remedy = folder / BEGUN, production.preset.recipe, f"delete {folder} and run again"
+def _begin(production: Production, folder: Path) -> None:
+    """Note which recipe a folder is of, so that none is made of two."""
+    note, recipe = folder / BEGUN, production.preset.recipe
     if not note.is_file():
         with whole(note) as part:
-            part.write_text(json.dumps({"recipe": recipe, "variant": available}))
+            part.write_text(json.dumps({"recipe": recipe}))
     begun = read_json(note, JSON_LIMIT, "note")
     if not isinstance(begun, dict) or begun.get("recipe") != recipe:
-        raise InputError(f"{folder} was begun with another preset or generator than this version's; {remedy}")
-    if begun.get("variant") == VECTORISED and available != VECTORISED:
-        raise InputError(f"{folder} was begun with {VECTORISED}, which does not work; install libllvm19 or {remedy}")
-    return str(begun["variant"])
+        raise InputError(
+            f"{folder} was begun with another preset or generator than this version's; delete it and run again"
+        )
 
 
 def _sweep(folder: Path) -> None:

@@ -64,7 +64,7 @@ def _of_schema_1(found: Manifest) -> Manifest:
                     "estimate": None,
                     "shots": [
                         {"segment": pose["segment"], "cameras": None, "lightings": None, "estimated": False}
-                        | {"keypoints": {}}
+                        | {"keypoints": {}, "device": None}
                     ],
                 }
                 for pose in person["poses"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -40,7 +41,7 @@ class Maker:
             place = folder / view.camera.name
             if not is_whole(place, view):
                 surface = surface or traced(production.surface(performance), self.skin(performance.subject))
-                write_view(self._tracer, surface, view, production.preset.spp, place)
+                self._write(surface, view, place)
             yield view
 
     def skin(self, subject: Subject) -> Skin:
@@ -50,6 +51,22 @@ class Maker:
             made = make_skin(production.hand, subject.identity, subject.look, production.preset.skin_size)
             self._skin = subject, made
         return self._skin[1]
+
+    def _write(self, surface: TracedSurface, view: View, folder: Path) -> None:
+        """Render a view and write a picture for each of its lightings, then the geometry."""
+        production, camera = self._production, view.camera
+        folder.mkdir(exist_ok=True)
+        lights = [lighting.light for lighting in view.lightings]
+        images = self._tracer.render(surface, camera, lights, spp=production.preset.spp, seed=0)
+        seen = self._tracer.gbuffer(surface, camera, spp=_COVERAGE)
+        channels = _channels(seen, with_uv=production.meshes == "tracked")
+        for lighting, image in zip(view.lightings, images, strict=True):
+            if view.device is not None:
+                rng = np.random.default_rng(zlib.crc32(f"{folder.relative_to(self.folder)}/{lighting.name}".encode()))
+                image, alpha, depth = view.device.take(image, seen.alpha, seen.depth, seen.normal, camera, rng)
+                channels = {"A": alpha.astype(np.float16), "depth.Z": depth}
+            write_exr(folder / f"{lighting.name}.exr", rgb(np.clip(image, 0.0, _BRIGHTEST)))
+        write_exr(folder / "geometry.exr", channels)
 
     def _save_mesh(self, performance: Performance, folder: Path) -> None:
         production, subject = self._production, performance.subject
@@ -80,21 +97,12 @@ def traced(mesh: Mesh, skin: Skin) -> TracedSurface:
     )
 
 
-def write_view(tracer: PathTracer, surface: TracedSurface, view: View, spp: int, folder: Path) -> None:
-    """Render a view and write a picture for each of its lightings, then the geometry."""
-    folder.mkdir(exist_ok=True)
-    lights = [lighting.light for lighting in view.lightings]
-    images = np.clip(tracer.render(surface, view.camera, lights, spp=spp, seed=0), 0.0, _BRIGHTEST)
-    for lighting, image in zip(view.lightings, images, strict=True):
-        write_exr(folder / f"{lighting.name}.exr", rgb(image))
-    write_exr(folder / "geometry.exr", _channels(tracer.gbuffer(surface, view.camera, spp=_COVERAGE)))
-
-
-def _channels(seen: GBuffer) -> dict[str, Array]:
+def _channels(seen: GBuffer, with_uv: bool) -> dict[str, Array]:
     half, single = np.float16, np.float32
     channels: dict[str, Array] = {"A": seen.alpha.astype(half), "depth.Z": seen.depth.astype(single)}
     channels |= {f"normal.{axis}": seen.normal[..., i].astype(half) for i, axis in enumerate("XYZ")}
-    channels |= {f"uv.{axis}": seen.uv[..., i].astype(single) for i, axis in enumerate("UV")}
+    if with_uv:
+        channels |= {f"uv.{axis}": seen.uv[..., i].astype(single) for i, axis in enumerate("UV")}
     return channels
 
 

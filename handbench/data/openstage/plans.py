@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ...errors import InputError
-from . import stage
-from .presets import Preset, StagePreset
+from . import phone, scans, stage, wild
+from .presets import PhonePreset, Preset, ScansPreset, StagePreset, WildPreset
 from .production import Production
 
 
@@ -13,5 +13,11 @@ def production(preset: Preset) -> Production:
     match preset:
         case StagePreset():
             return stage.production(preset)
+        case ScansPreset():
+            return scans.production(preset)
+        case WildPreset():
+            return wild.production(preset)
+        case PhonePreset():
+            return phone.production(preset)
         case _:
             raise InputError(f"there is no plan for {preset.label}; this is a fault of handbench")

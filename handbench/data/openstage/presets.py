@@ -15,7 +15,7 @@ GENERATOR_VERSION = 3
 SCHEMA = 2
 SCHEMAS = (1, SCHEMA)
 
-CaptureName = Literal["openstage"]
+CaptureName = Literal["openstage", "openscans", "openwild", "openphone"]
 """The captures that this generator makes."""
 
 
@@ -75,6 +75,44 @@ class StagePreset(Preset):
     held_out_lights: int
     environments: tuple[str, ...]
     tracked_level: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScansPreset(Preset):
+    """One size of the scans: subjects, poses of each, cameras, and the level of subdivision of the scanned meshes."""
+
+    capture: ClassVar[CaptureName] = "openscans"
+
+    subjects: int
+    poses: int
+    cameras: tuple[str, ...]
+    scan_level: int = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class WildPreset(Preset):
+    """One size of hands in the wild: a sequence of each subject, its moments, and those that come later.
+
+    Every `every`-th moment is also shown by other cameras and in other light.
+    """
+
+    capture: ClassVar[CaptureName] = "openwild"
+
+    subjects: int
+    moments: int
+    later: int
+    every: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhonePreset(Preset):
+    """One size of the scans by phone: subjects, moments of a turn of the hand, and new poses in known light."""
+
+    capture: ClassVar[CaptureName] = "openphone"
+
+    subjects: int
+    moments: int
+    poses: int
 
 
 _THREE = ("dorsal", "palmar", "oblique")
@@ -147,9 +185,31 @@ _FULL = replace(
     skin_size=4096,
 )
 
-
+_EIGHT = (*_ALL, "back-ulnar", "palm-radial")
+_SMALL: dict[str, Any] = {"height": 64, "width": 48, "spp": 48, "truth_level": 1, "skin_size": 256}
+_SMALL |= {"environment_height": 32}
+_MEDIUM: dict[str, Any] = {"height": 256, "width": 192, "spp": 48, "truth_level": 2, "skin_size": 1024}
+_LARGE: dict[str, Any] = {"height": 512, "width": 384, "spp": 96, "truth_level": 3, "skin_size": 2048}
+_SCANS = (
+    ScansPreset(name="mini", subjects=2, poses=2, cameras=("dorsal", "palmar"), scan_level=1, **_SMALL),
+    ScansPreset(name="quick", subjects=24, poses=6, cameras=_EIGHT, **_MEDIUM | {"height": 192, "width": 144}),
+    ScansPreset(name="standard", subjects=48, poses=6, cameras=_EIGHT, **_LARGE),
+)
+_WILD = (
+    WildPreset(name="mini", subjects=2, moments=3, later=1, every=2, **_SMALL),
+    WildPreset(name="quick", subjects=12, moments=21, later=6, every=5, **_MEDIUM),
+    WildPreset(name="standard", subjects=24, moments=31, later=9, every=5, **_LARGE),
+)
+_PHONE = (
+    PhonePreset(name="mini", subjects=2, moments=4, poses=1, **_SMALL),
+    PhonePreset(name="quick", subjects=4, moments=60, poses=4, **_MEDIUM),
+    PhonePreset(name="standard", subjects=8, moments=60, poses=8, **_LARGE),
+)
 PRESETS: dict[CaptureName, dict[str, Preset]] = {
     "openstage": {preset.name: preset for preset in (_MINI, _QUICK, _DENSE, _STANDARD, _FULL)},
+    "openscans": {preset.name: preset for preset in _SCANS},
+    "openwild": {preset.name: preset for preset in _WILD},
+    "openphone": {preset.name: preset for preset in _PHONE},
 }
 assert tuple(PRESETS) == get_args(CaptureName)
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
+
+import numpy as np
 
 from ...hand.openhand import OpenHand
 from ...scene import Array, Camera, FrameKind, Light, Mesh, Pose
@@ -33,12 +35,22 @@ class Lighting:
         return self.weights is None or self.kind == "olat"
 
 
+class Device(Protocol):
+    """What takes pictures less well than they are rendered; a frozen dataclass of numbers."""
+
+    def take(
+        self, image: Array, alpha: Array, depth: Array, normal: Array, camera: Camera, rng: np.random.Generator
+    ) -> tuple[Array, Array, Array]:
+        """The picture, the mask and the depth that it tells of the true picture, alpha, depth and normals."""
+
+
 @dataclass(frozen=True, eq=False)
 class Shot:
     """Frames of one pose that belong to one segment: before each of some cameras, under each of some lightings.
 
     estimated   frames tell the pose's estimate, else the truth
     keypoints   what a detector sees in a camera's pictures, (21, 3), by the camera's name
+    device      what took the pictures; None keeps them as they are rendered
     """
 
     segment: str
@@ -46,6 +58,7 @@ class Shot:
     lightings: tuple[Lighting, ...]
     estimated: bool = False
     keypoints: Mapping[str, Array] = field(default_factory=dict)
+    device: Device | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +67,7 @@ class View:
 
     camera: Camera
     lightings: tuple[Lighting, ...]
+    device: Device | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,14 +92,13 @@ class Performance:
     @property
     def views(self) -> tuple[View, ...]:
         """Every camera of its shots once, with the lightings that are traced there."""
-        cameras: dict[str, Camera] = {}
-        traced: dict[str, dict[str, Lighting]] = {}
+        views: dict[str, View] = {}
         for shot in self.shots:
+            lit = tuple(lighting for lighting in shot.lightings if lighting.traced)
             for camera in shot.cameras:
-                cameras[camera.name] = camera
-                lit = {lighting.name: lighting for lighting in shot.lightings if lighting.traced}
-                traced.setdefault(camera.name, {}).update(lit)
-        return tuple(View(camera, tuple(traced[name].values())) for name, camera in cameras.items())
+                before = views[camera.name].lightings if camera.name in views else ()
+                views[camera.name] = View(camera, (*before, *lit), shot.device)
+        return tuple(views.values())
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...hand.openhand import OpenHand
@@ -9,9 +11,10 @@ from ...light.environment import solid_angles
 from ...light.skybox import skybox
 from ...light.stage import stage_directions
 from ...scene import Array, Camera, Directional, Environment, FrameKind, Group
-from .cast import Subject, person, pose
+from .cast import Subject, pose
 from .inventory import olat_name
-from .presets import StagePreset
+from .population import cast
+from .presets import Preset, StagePreset
 from .production import Lighting, Performance, Production, Shot
 
 # Irradiance of one stage light on a surface that faces it; skin of albedo 0.5 then reaches 0.5 on a 0..1 display.
@@ -30,14 +33,17 @@ _VIEWS = {  # direction from the target to the camera; palm faces +z, thumb +x, 
     "radial": (1.0, 0.1, 0.25),
     "ulnar": (-1.0, 0.1, 0.25),
     "fingertip": (0.15, 0.85, 0.65),
+    "back-ulnar": (-0.75, 0.35, -0.75),
+    "palm-radial": (0.75, 0.3, 0.75),
+    "palm-ulnar": (-0.75, 0.3, 0.75),
 }
 
 
-def cameras(preset: StagePreset) -> tuple[Camera, ...]:
-    """The preset's cameras, looking at the middle of the hand."""
+def cameras(preset: Preset, names: Sequence[str]) -> tuple[Camera, ...]:
+    """Cameras with the preset's pictures, looking at the middle of the hand from where their names say."""
     focal = preset.height * _DISTANCE / _HEIGHT
     K = np.array([[focal, 0, preset.width / 2], [0, focal, preset.height / 2], [0, 0, 1]])
-    return tuple(Camera(name, preset.width, preset.height, K, _look_at(_VIEWS[name])) for name in preset.cameras)
+    return tuple(Camera(name, preset.width, preset.height, K, _look_at(_VIEWS[name])) for name in names)
 
 
 def _look_at(view: tuple[float, float, float]) -> Array:
@@ -61,8 +67,12 @@ def stage_lights(preset: StagePreset) -> tuple[Directional, ...]:
 
 def environment(name: str, height: int) -> Environment:
     """An environment map of height x 2 height, exposed to `ENVIRONMENT_IRRADIANCE`."""
-    raw = skybox(name, height, 2 * height)
-    weights = solid_angles(height, 2 * height)[..., None]
+    return exposed(skybox(name, height, 2 * height))
+
+
+def exposed(raw: Environment) -> Environment:
+    """A map scaled to `ENVIRONMENT_IRRADIANCE`."""
+    weights = solid_angles(*raw.radiance.shape[:2])[..., None]
     luminance = float((raw.radiance * weights).sum() / 3.0)  # integral of radiance over the sphere
     return raw.scaled(4.0 * ENVIRONMENT_IRRADIANCE / luminance)  # mean irradiance over directions is a quarter of it
 
@@ -91,13 +101,13 @@ def _combined(name: str, kind: FrameKind, lights: tuple[Directional, ...], weigh
 def production(preset: StagePreset) -> Production:
     """The light stage of a preset: subjects in poses of their own, before every camera and in every light."""
     hand = OpenHand.load()
-    seen, lit = cameras(preset), lightings(preset)
+    seen, lit = cameras(preset, preset.cameras), lightings(preset)
 
     def performance(subject: Subject, k: int) -> Performance:
         segment = "train" if k < preset.train_poses else "held-out"
         return Performance(subject, f"pose-{k}", pose(hand, subject, k), (Shot(segment, seen, lit),))
 
-    people = [person(i, hand) for i in range(preset.subjects)]
+    people = cast("openstage", preset.subjects, hand)
     poses = range(preset.train_poses + preset.held_out_poses)
     performances = tuple(performance(subject, k) for subject in people for k in poses)
     return Production(preset, hand, seen, lit, performances, "tracked", preset.tracked_level)
