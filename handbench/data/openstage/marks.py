@@ -34,7 +34,7 @@ def spots(at: Places, bands: Bands, rng: np.random.Generator, amount: float) -> 
     total = np.zeros(len(at.position), np.float32)
     for near, distance in _around(at, rng, rng.poisson(60 * amount), 7e-3):
         radius = min(rng.lognormal(np.log(1.2e-3), 0.55), 4.5e-3)
-        ragged = distance / radius - 0.16 * bands.mm3[3, near] - 0.12 * bands.mm1[0, near]
+        ragged = distance / radius - 0.12 * bands.mm3[3, near] - 0.07 * bands.mm1[0, near]
         uneven = np.clip(0.85 + 0.12 * bands.mm1[1, near], 0.5, 1.2)
         spot = rng.uniform(0.2, 0.9) * uneven * smoothstep(1.4, 0.7, ragged)
         total[near] = np.maximum(total[near], spot)

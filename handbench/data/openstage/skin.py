@@ -190,7 +190,7 @@ def _melanin(at: Places, look: SkinLook, draws: _Draws, bands: Bands, seen: _Rel
     melanin *= 1 + uneven / (1 + 0.04 * full**2) + dark * seen.joints * back / (1 + 0.12 * full)
     sun = look.tan * (0.55 + 0.08 * full) * smoothstep(0.7, -0.4, at.facing + 0.4 * bands.mm26[3])
     if look.sleeve is not None:
-        sun *= smoothstep(look.sleeve - 4e-3, look.sleeve + 4e-3, at.position[:, 1] + 1.5e-3 * broad)
+        sun *= smoothstep(look.sleeve - 8e-3, look.sleeve + 8e-3, at.position[:, 1] + 3e-3 * broad)
     if look.watch:
         sun *= 1 - marks.watch(at, draws.rng("watch"))
     if look.ring is not None:
