@@ -6,7 +6,7 @@ Every light is summed in a fixed order by one thread, so pictures are equal to t
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -26,6 +26,11 @@ _FURROW = 2.5e-4
 """Metres: how wide the relief is that only tilts normals; light that leaves within it shows it."""
 
 _GRAZING = 0.03
+"""The least cosine of a tilted normal to the view."""
+
+_EDGE, _MORE = 0.35, 4
+"""Where the cosine to the view is lower, surfaces mirror much: so many times more rays are spent there."""
+
 _STEPS = (0.7548776662466927, 0.5698402909980532)
 _GOLDEN3 = (0.8191725133961645, 0.6710436067037893, 0.5497004779019702)
 _ROULETTE = 0.02
@@ -151,14 +156,13 @@ def _mirrored(view: View, lit: Lit, skies: Sequence[Sky | None], per_place: int,
     rng = np.random.default_rng([seed, 3])
     turns = rng.random((len(view.pixels), 2), np.float32)[owner]
     rank = (np.arange(len(owner)) - view.starts[:-1][owner]).astype(np.float32)
-    scale = view.share / per_place
-    for k in range(per_place):
-        u, v = ((turns[:, d] + (rank * per_place + k) * _STEPS[d]) % 1.0 for d in range(2))
-        direction, weight, density = _sampled(view, u, v)
-        on = np.flatnonzero(weight > 0)
-        direction = direction[on]
+    for k, which, count in _passes(view, per_place):
+        u, v = ((turns[which, d] + (rank[which] * count + k) * _STEPS[d]) % 1.0 for d in range(2))
+        direction, weight, density = _sampled(view, which, u, v)
+        some = np.flatnonzero(weight > 0)
+        on, direction = which[some], direction[some]
         hits = rays.cast(view.position[on] + view.smooth[on] * rays.epsilon, direction)
-        weight, pixel, density = weight[on] * scale, owner[on], density[on]
+        weight, pixel, density = (weight * (view.share / count))[some], owner[on], density[some]
         hit, miss = np.flatnonzero(hits.hit), np.flatnonzero(~hits.hit)
         if lit.bounces:
             _add_skin(view, lit, pixel[hit], weight[hit], hits.face[hit], hits.barycentric[hit], image)
@@ -171,22 +175,31 @@ def _mirrored(view: View, lit: Lit, skies: Sequence[Sky | None], per_place: int,
                     image[i, :, c] += np.bincount(pixel, found[:, c] * weight, minlength=len(view.pixels))
 
 
-def _sampled(view: View, u: Array, v: Array) -> tuple[Array, Array, Array]:
+def _passes(view: View, per_place: int) -> Iterator[tuple[int, Array, Array]]:
+    """One ray each of some samples at a time: its number, which samples, and how many rays each of them has in all."""
+    edge = view.facing < _EDGE
+    count = np.where(edge, _MORE * per_place, per_place).astype(np.float32)
+    for k in range(_MORE * per_place):
+        which = np.flatnonzero(count > k)
+        yield k, which, count[which]
+
+
+def _sampled(view: View, which: Array, u: Array, v: Array) -> tuple[Array, Array, Array]:
     """Directions (S, 3) from one of the lobes, BRDF times cosine over their density, and the density (S,)."""
-    sharper, broader = alphas(view.roughness)
+    roughness, facing, frame = view.roughness[which], view.facing[which], view.normal[which]
+    sharper, broader = alphas(roughness)
     first = u < WEIGHTS[0]
     alpha = np.where(first, sharper, broader)
     u = np.where(first, u / WEIGHTS[0], (u - WEIGHTS[0]) / WEIGHTS[1])
-    frame = view.normal
-    x_axis = to_world(frame, np.broadcast_to([1.0, 0, 0], frame.shape))
-    y_axis = to_world(frame, np.broadcast_to([0, 1.0, 0], frame.shape))
-    local = np.stack([dot(x_axis, view.view), dot(y_axis, view.view), view.facing], axis=1)
+    x_axis = to_world(frame, np.broadcast_to(np.float32([1, 0, 0]), frame.shape))
+    y_axis = to_world(frame, np.broadcast_to(np.float32([0, 1, 0]), frame.shape))
+    local = np.stack([dot(x_axis, view.view[which]), dot(y_axis, view.view[which]), facing], axis=1)
     half = sample(alpha, local, u, v)
     out = 2 * dot(half, local)[:, None] * half - local
     cosine = np.maximum(out[:, 2], 0)
     light_view = dot(out, local)
-    value = gloss(view.roughness, view.posed.surface.specular, cosine, view.facing, light_view)
-    chance = np.maximum(density(view.roughness, cosine, view.facing, light_view), 1e-12)
+    value = gloss(roughness, view.posed.surface.specular, cosine, facing, light_view)
+    chance = np.maximum(density(roughness, cosine, facing, light_view), 1e-12)
     return to_world(frame, out), np.where(cosine > 0, value / chance, 0.0), chance
 
 
@@ -212,20 +225,21 @@ def _aimed(view: View, sky: Sky, so_far: Array, per_place: int, seed: int) -> Ar
     rank = (np.arange(len(owner)) - view.starts[:-1][owner]).astype(np.float32)
     threshold = _ROULETTE * so_far.sum(axis=1)[owner] + 1e-12
     result = np.zeros((len(view.pixels), 3))
-    for k in range(per_place):
-        picks = [(turns[:, d] + (rank * per_place + k) * _GOLDEN3[d]) % 1.0 for d in range(3)]
-        direction, radiance = sky.aim(*picks)
-        on = np.flatnonzero(dot(view.normal, direction) > 0)
-        direction, radiance, roughness, facing = direction[on], radiance[on], view.roughness[on], view.facing[on]
+    for k, which, count in _passes(view, per_place):
+        turn = rank[which] * count + k
+        direction, radiance = sky.aim(*((turns[which, d] + turn * _GOLDEN3[d]) % 1.0 for d in range(3)))
+        some = np.flatnonzero(dot(view.normal[which], direction) > 0)
+        on = which[some]
+        direction, radiance, roughness, facing = direction[some], radiance[some], view.roughness[on], view.facing[on]
         cosine, along = dot(view.normal[on], direction), dot(view.view[on], direction)
         value = gloss(roughness, view.posed.surface.specular, cosine, facing, along)
         aimed = sky.density[texels(direction, *sky.density.shape)]
         light = radiance * (value * aimed / (aimed + density(roughness, cosine, facing, along)))[:, None]
         chance = np.minimum((light[:, 0] + light[:, 1] + light[:, 2]) / threshold[on], 1.0)
-        kept = np.flatnonzero((turns[on, 3] + (rank[on] * per_place + k) * 0.6180339887498949) % 1.0 < chance)
+        kept = np.flatnonzero((turns[on, 3] + turn[some] * 0.6180339887498949) % 1.0 < chance)
         start = view.position[on[kept]] + view.smooth[on[kept]] * rays.epsilon
         free = kept[~rays.occluded(start, direction[kept])]
-        light = light[free] * (view.share / per_place / chance[free])[:, None]
+        light = light[free] * (view.share / count[some][free] / chance[free])[:, None]
         for c in range(3):
             result[:, c] += np.bincount(owner[on[free]], light[:, c], minlength=len(view.pixels))
     return result
