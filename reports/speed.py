@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 from rich.console import Group as Lines
 from rich.console import RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from handbench.errors import InputError
 from handbench.files import whole, writing
-from handbench.results.record import Device
-from handbench.results.schema import read as read_record
-from handbench.studies.speed.record import MITSUBA, RESULT, read
+from handbench.studies.speed.equal_error import TimeAt
+from handbench.studies.speed.record import MITSUBA, RESULT, MethodStudy, Scaling, SceneStudy, SpeedRecord, read
 
 from .run import machine
-from .template import UNREADABLE, environment
+from .template import environment
 
 POSES = {"new": "new pose", "known": "known pose, new light"}
 FOLDER = "report"
@@ -53,14 +51,10 @@ def speed_section(run_folder: Path) -> str | None:
     from .speed_figures import figures
 
     found = read(run_folder)
-    try:
-        return _template("speed_section.html", found, list(figures(found)))
-    except UNREADABLE as error:
-        path = run_folder / RESULT
-        raise InputError(f"{path} lacks what a speed study writes ({error}); run 'handbench speed' again") from error
+    return _template("speed_section.html", found, list(figures(found)))
 
 
-def _template(name: str, found: dict[str, Any], drawn: list[tuple[str, str, dict[str, bytes]]]) -> str:
+def _template(name: str, found: SpeedRecord, drawn: list[tuple[str, str, dict[str, bytes]]]) -> str:
     page = environment(percent=percent, duration=duration, cell=cell_text)
     shown = {name: (caption, base64.b64encode(images["png"]).decode()) for name, caption, images in drawn}
     return page.get_template(name).render(
@@ -74,90 +68,90 @@ def _template(name: str, found: dict[str, Any], drawn: list[tuple[str, str, dict
     )
 
 
-def _machine(found: dict[str, Any]) -> str:
-    return machine(read_record(Device, found["provenance"]["device"]))
+def _machine(found: SpeedRecord) -> str:
+    return machine(found.provenance.device)
 
 
-def render_speed(found: dict[str, Any]) -> RenderableType:
+def render_speed(found: SpeedRecord) -> RenderableType:
     """A rich renderable of the tables."""
     parts: list[RenderableType] = [Text(f"Times on {_machine(found)}", style="dim")]
-    for scene in found["scenes"]:
+    for scene in found.scenes:
         parts.append(_equal_error(scene))
         parts.append(Text(_about(scene), style="dim"))
     parts += [Text(line, style="green" if fine else "red") for fine, line in goals(found)]
-    parts.append(_scaling(found["scaling"]))
-    parts.append(_methods(found["methods"]))
+    parts.append(_scaling(found.scaling))
+    parts.append(_methods(found.methods))
     return Lines(*parts)
 
 
-def _equal_error(scene: dict[str, Any]) -> RichTable:
-    rows = scene["equal_error"]
-    grid = _grid(f"{scene['title']}: time to a relative RMSE, and how many times faster handbench is")
-    for title in ("pose", "renderer", *(percent(c["error"]) for c in rows[0]["cells"])):
+def _equal_error(scene: SceneStudy) -> RichTable:
+    rows = scene.equal_error
+    grid = _grid(f"{scene.title}: time to a relative RMSE, and how many times faster handbench is")
+    for title in ("pose", "renderer", *(percent(c.error) for c in rows[0].cells)):
         grid.add_column(title, justify="left" if title in ("pose", "renderer") else "right")
     for row in rows:
-        grid.add_row(POSES[row["pose"]], row["renderer"], *(cell_text(cell) for cell in row["cells"]))
+        grid.add_row(POSES[row.pose], row.renderer, *(cell_text(cell) for cell in row.cells))
     return grid
 
 
-def _about(scene: dict[str, Any]) -> str:
-    text = f"reference: {scene['truth']['pixels']} pixels, noise {percent(scene['truth']['noise'])}"
-    if scene["mitsuba_residual"]:
-        residual = scene["mitsuba_residual"]
-        text += f"; Mitsuba converges to within {percent(residual['error'])} of it"
-        text += f" (of which noise {percent(residual['noise'])})"
-    return "; ".join([text, learning(scene), *scene["notes"]])
+def _about(scene: SceneStudy) -> str:
+    text = f"reference: {scene.truth.pixels} pixels, noise {percent(scene.truth.noise)}"
+    if scene.mitsuba_residual:
+        residual = scene.mitsuba_residual
+        text += f"; Mitsuba converges to within {percent(residual.error)} of it"
+        text += f" (of which noise {percent(residual.noise)})"
+    return "; ".join([text, learning(scene), *scene.notes])
 
 
-def learning(scene: dict[str, Any]) -> str:
+def learning(scene: SceneStudy) -> str:
     """What it takes to know a pose."""
-    seconds = [kept["seconds"] for kept in scene["learn"]]
+    seconds = [kept.seconds for kept in scene.learn]
     if not seconds:
         return "no pose was kept"
     return f"to keep a pose took handbench {duration(min(seconds))} to {duration(max(seconds))}, off the clock"
 
 
-def goals(found: dict[str, Any]) -> list[tuple[bool, str]]:
+def goals(found: SpeedRecord) -> list[tuple[bool, str]]:
     """For each goal, competitor and pose: whether it is met, and a sentence."""
     sentences = []
-    for goal in found["goals"]:
-        scene = next((s for s in found["scenes"] if s["name"] == goal["scene"]), None)
-        for row in scene["equal_error"] if scene else []:
-            if row["renderer"] not in MITSUBA.values():
+    for goal in found.goals:
+        scene = next((s for s in found.scenes if s.name == goal.scene), None)
+        for row in scene.equal_error if scene else []:
+            if row.renderer not in MITSUBA.values():
                 continue
-            cell = next(c for c in row["cells"] if c["error"] == goal["error"])
-            wanted, times = goal[row["pose"]], cell["speed_up"]
-            fine = times is not None and times >= wanted and cell["sign"] != "<="
+            cell = next(c for c in row.cells if c.error == goal.error)
+            wanted, times = goal.new if row.pose == "new" else goal.known, cell.speed_up
+            fine = times is not None and times >= wanted and cell.sign != "<="
             measured = speed_up_text(cell)
-            told = f"{POSES[row['pose']]} against {row['renderer']} at {percent(goal['error'])}: "
+            told = f"{POSES[row.pose]} against {row.renderer} at {percent(goal.error)}: "
             sentences.append((fine, f"{told}{measured}, goal {wanted:g} times"))
     return sentences
 
 
-def _scaling(found: list[dict[str, Any]]) -> RichTable:
+def _scaling(found: Sequence[Scaling]) -> RichTable:
     grid = _grid("Growth")
     for title in ("time against", "sizes", "time at the least", "time at the most", "exponent"):
         grid.add_column(title, justify="left" if title == "time against" else "right")
     for one in found:
-        middles = [median(repeats) for repeats in one["seconds"]]
-        sizes = f"{one['sizes'][0]} … {one['sizes'][-1]}"
-        exponent = f"{one['fit']['exponent']:.2f} ± {one['fit']['error']:.2f}"
-        grid.add_row(one["title"], sizes, duration(middles[0]), duration(middles[-1]), exponent)
+        middles = [median(repeats) for repeats in one.seconds]
+        sizes = f"{one.sizes[0]} … {one.sizes[-1]}"
+        exponent = f"{one.fit.exponent:.2f} ± {one.fit.error:.2f}"
+        grid.add_row(one.title, sizes, duration(middles[0]), duration(middles[-1]), exponent)
     return grid
 
 
-def _methods(found: list[dict[str, Any]]) -> RichTable:
+def _methods(found: Sequence[MethodStudy]) -> RichTable:
     grid = _grid("Methods: error to their own full picture, time of a picture")
     for title in ("method", "setting", "error", "new pose", "known pose, new light"):
         grid.add_column(title, justify="left" if title in ("method", "setting") else "right")
     for method in found:
-        if not method["curves"]:
-            grid.add_row(method["title"], method.get("reason", ""))
+        if not method.curves:
+            grid.add_row(method.title, method.reason)
             continue
-        new, known = (curve["points"] for curve in method["curves"])
+        new, known = (curve.points for curve in method.curves)
         for first, second in zip(new, known, strict=True):
-            times = (duration(median(point["seconds"])) for point in (first, second))
-            grid.add_row(method["title"], first["label"], percent(first["error"]), *times)
+            times = (duration(median(point.seconds)) for point in (first, second))
+            grid.add_row(method.title, first.label, percent(first.error), *times)
     return grid
 
 
@@ -167,19 +161,19 @@ def _grid(title: str) -> RichTable:
     )
 
 
-def cell_text(cell: dict[str, Any]) -> str:
+def cell_text(cell: TimeAt) -> str:
     """A cell of the equal-error table: time, and for a competitor how many times faster handbench is."""
-    if cell["seconds"] is None:
+    if cell.seconds is None:
         return "not reached"
-    text = ("≤ " if cell["bound"] else "") + duration(cell["seconds"])
-    return f"{text} ({speed_up_text(cell)})" if "speed_up" in cell else text
+    text = ("≤ " if cell.bound else "") + duration(cell.seconds)
+    return f"{text} ({speed_up_text(cell)})" if cell.compared else text
 
 
-def speed_up_text(cell: dict[str, Any]) -> str:
-    if cell["speed_up"] is None:
-        return str(cell["reason"])
-    sign = {"=": "", ">=": "≥ ", "<=": "≤ "}[cell["sign"]]
-    return f"{sign}{_digits(cell['speed_up'], 3)}×"
+def speed_up_text(cell: TimeAt) -> str:
+    if cell.speed_up is None:
+        return cell.reason
+    sign = {"=": "", ">=": "≥ ", "<=": "≤ "}[cell.sign]
+    return f"{sign}{_digits(cell.speed_up, 3)}×"
 
 
 def percent(share: float) -> str:

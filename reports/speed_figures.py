@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from statistics import median
 from typing import Any
 
@@ -14,6 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 
 from handbench.studies.speed.equal_error import TARGETS, pareto
 from handbench.studies.speed.measure import Point
+from handbench.studies.speed.record import MethodStudy, Scaling, SceneStudy, SpeedRecord
 
 COLOURS = {
     "handbench": "#b3471d",
@@ -31,25 +32,21 @@ _STYLE: Any = {"font.size": 9, "font.family": "DejaVu Sans", "pdf.fonttype": 42}
 Images = dict[str, bytes]
 
 
-def figures(found: dict[str, Any]) -> Iterator[tuple[str, str, Images]]:
+def figures(found: SpeedRecord) -> Iterator[tuple[str, str, Images]]:
     """(name, caption, {"png": …, "pdf": …}) of every figure of a study."""
     from matplotlib import rc_context
 
     with rc_context(_STYLE):
-        for scene in found["scenes"]:
-            caption = f"{scene['title']}: error against time, every setting that was measured, and the front they form."
-            yield f"error-time-{scene['name']}", caption, _images(_scene(scene))
-        if found["scaling"]:
+        for scene in found.scenes:
+            caption = f"{scene.title}: error against time, every setting that was measured, and the front they form."
+            yield f"error-time-{scene.name}", caption, _images(_scene(scene))
+        if found.scaling:
             caption = "Time against size, with the exponent fitted where time grows."
-            yield "scaling", caption, _images(_scaling(found["scaling"]))
-        drawn = [method for method in found["methods"] if method["curves"]]
+            yield "scaling", caption, _images(_scaling(found.scaling))
+        drawn = [method for method in found.methods if method.curves]
         if drawn:
             caption = "Methods: error against their own full picture, against time."
             yield "methods", caption, _images(_methods(drawn))
-
-
-def points_of(curve: dict[str, Any]) -> list[Point]:
-    return [Point(p["knob"], p["label"], p["error"], tuple(p["seconds"])) for p in curve["points"]]
 
 
 def _images(figure: Figure) -> Images:
@@ -62,16 +59,16 @@ def _images(figure: Figure) -> Images:
     return found
 
 
-def _scene(scene: dict[str, Any]) -> Figure:
+def _scene(scene: SceneStudy) -> Figure:
     figure = Figure(figsize=(8.6, 3.9), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, 2, sharey=True))
     knobs: dict[str, None] = {}
     for axes, (pose, title) in zip(panels, POSES.items(), strict=True):
-        for curve in scene["curves"]:
-            if curve["pose"] != pose:
+        for curve in scene.curves:
+            if curve.pose != pose:
                 continue
-            points, colour = points_of(curve), COLOURS[curve["renderer"]]
-            ours = curve["renderer"] == "handbench"
+            points, colour = curve.points, COLOURS[curve.renderer]
+            ours = curve.renderer == "handbench"
             for point in points:
                 knobs |= {point.knob: None} if ours else {}
                 _mark(axes, point, colour, MARKERS[point.knob] if ours else "o", alpha=0.5)
@@ -87,7 +84,7 @@ def _scene(scene: dict[str, Any]) -> Figure:
     handles = [
         _handle(panels[0], name, colour=colour, lw=1.8)
         for name, colour in COLOURS.items()
-        if any(curve["renderer"] == name for curve in scene["curves"])
+        if any(curve.renderer == name for curve in scene.curves)
     ]
     handles += [_handle(panels[0], knob, colour=COLOURS["handbench"], marker=MARKERS[knob], lw=0) for knob in knobs]
     figure.legend(handles=handles, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
@@ -140,23 +137,23 @@ def duration(seconds: float) -> str:
     )
 
 
-def _scaling(found: list[dict[str, Any]]) -> Figure:
+def _scaling(found: Sequence[Scaling]) -> Figure:
     figure = Figure(figsize=(8.6, 5.6), layout="constrained")
     for axes, one in zip(np.ravel(figure.subplots(2, 2)), found, strict=False):
-        sizes, middles = one["sizes"], [median(repeats) for repeats in one["seconds"]]
-        for size, repeats in zip(sizes, one["seconds"], strict=True):
+        sizes, middles = one.sizes, [median(repeats) for repeats in one.seconds]
+        for size, repeats in zip(sizes, one.seconds, strict=True):
             axes.plot([size, size], [min(repeats), max(repeats)], color=COLOURS["handbench"], lw=1)
         axes.plot(sizes, middles, "o", color=COLOURS["handbench"], ms=4.5)
-        fit = one["fit"]
-        used = np.array(sizes[-fit["used"] :], float)
-        axes.plot(used, fit["scale"] * used ** fit["exponent"], color="#1d1c1a", lw=1.1, zorder=1)
-        text = f"exponent {fit['exponent']:.2f} ± {fit['error']:.2f}"
+        fit = one.fit
+        used = np.array(sizes[-fit.used :], float)
+        axes.plot(used, fit.scale * used**fit.exponent, color="#1d1c1a", lw=1.1, zorder=1)
+        text = f"exponent {fit.exponent:.2f} ± {fit.error:.2f}"
         axes.text(0.04, 0.9, text, transform=axes.transAxes, fontsize=8.5)
-        axes.set_title(one["title"], loc="left", fontsize=9.5, fontweight="bold")
-        axes.set_xscale("log", base=2 if one["axis"] in ("subjects", "texels") else 4)
-        axes.set_xticks(sizes, [_side(size) if one["axis"] == "texels" else str(size) for size in sizes])
+        axes.set_title(one.title, loc="left", fontsize=9.5, fontweight="bold")
+        axes.set_xscale("log", base=2 if one.axis in ("subjects", "texels") else 4)
+        axes.set_xticks(sizes, [_side(size) if one.axis == "texels" else str(size) for size in sizes])
         axes.xaxis.set_minor_locator(NullLocator())
-        axes.set_xlabel({"texels": "texels", "lights": "lights"}.get(one["axis"], one["axis"]))
+        axes.set_xlabel({"texels": "texels", "lights": "lights"}.get(one.axis, one.axis))
         axes.set_yscale("log")
         axes.set_ylim(min(middles) / 2, max(middles) * 4)
         axes.yaxis.set_major_locator(LogLocator(10, subs=(1.0, 3.0)))
@@ -170,19 +167,19 @@ def _side(texels: int) -> str:
     return f"{round(texels**0.5)}²"
 
 
-def _methods(found: list[dict[str, Any]]) -> Figure:
+def _methods(found: Sequence[MethodStudy]) -> Figure:
     columns = min(3, len(found))
     rows = -(-len(found) // columns)
     figure = Figure(figsize=(2.9 * columns, 2.5 * rows + 0.5), layout="constrained")
     grid = np.ravel(figure.subplots(rows, columns, squeeze=False, sharey=True))
     knobs: dict[str, None] = {}
     for axes, method in zip(grid, found, strict=False):
-        for curve in method["curves"]:
-            for point in points_of(curve):
+        for curve in method.curves:
+            for point in curve.points:
                 knobs[point.knob] = None
-                fill = curve["pose"] == "known"
+                fill = curve.pose == "known"
                 _mark(axes, point, _KNOB_COLOURS.get(point.knob, "#555"), MARKERS[point.knob], fill=fill)
-        axes.set_title(method["title"], loc="left", fontsize=9.5, fontweight="bold")
+        axes.set_title(method.title, loc="left", fontsize=9.5, fontweight="bold")
         axes.set_xlabel("Time of a picture")
         _time_axis(axes)
         _error_axis(axes)

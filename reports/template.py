@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, UndefinedError
-
-UNREADABLE = (KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError, UndefinedError)
-"""What showing a study's file raises if that does not hold what a study writes."""
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 
 def environment(**filters: Any) -> Environment:

@@ -199,7 +199,7 @@ def test_an_audit_asks_for_the_light_as_enrolled_too(fakes, toy_protocol, tmp_pa
 def test_the_speed_study_asks_what_the_protocol_tells(fakes, toy_protocol, monkeypatch):
     enrol = {"segments": ["train"], "kinds": ["full"], "gives": ["image", "alpha", "pose", "camera", "light"]}
     monkeypatch.setattr(methods, "protocol", lambda: toy_protocol(enrol=enrol))
-    assert methods.study("toy", quick=True)["reason"] == "the mesh is not given"
+    assert methods.study("toy", quick=True).reason == "unsupported: the mesh is not given"
 
 
 def test_a_query_has_the_mesh_only_if_meshes_are_given(fakes, toy_protocol):
@@ -209,3 +209,10 @@ def test_a_query_has_the_mesh_only_if_meshes_are_given(fakes, toy_protocol):
         frame = next(frame for frames in selected.scored.values() for frame in frames)
         query = given.asked(selected, MethodInfo("m", "M", "for tests"), frame)
         assert (query.mesh is not None) == there and query.key == frame.key and query.light is frame.light
+
+
+def test_the_speed_study_lends_copies(fakes, toy_protocol, monkeypatch):
+    """`toy-mutates` writes into what it is given: its row says so, and the capture stays as it is."""
+    monkeypatch.setattr(methods, "protocol", toy_protocol)
+    told = methods.study("toy-mutates", quick=True)
+    assert not told.curves and "changed" in told.reason

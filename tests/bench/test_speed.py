@@ -13,6 +13,7 @@ from handbench.light.environment import solid_angles
 from handbench.light.lightset import LightSet
 from handbench.light.skybox import skybox
 from handbench.render.shade.shading import light_features
+from handbench.results.record import Provenance
 from handbench.scene import Environment
 from handbench.studies.speed import record, study, truth
 from handbench.studies.speed.competitors import Naive, bitmap
@@ -72,11 +73,11 @@ def test_table_compares_poses_apart() -> None:
         Curve("theirs", "known", points((5.0, 0.2), (50.0, 0.001))),
     ]
     rows = table(curves, (0.1, 0.01))
-    cells = {(row["renderer"], row["pose"]): row["cells"] for row in rows}
-    assert cells["theirs", "new"][0]["speed_up"] == pytest.approx(10.0)
-    assert cells["theirs", "new"][1]["reason"] == "not reached"
-    assert cells["theirs", "known"][1]["sign"] == ">="
-    assert "speed_up" not in cells["ours", "new"][0]
+    cells = {(row.renderer, row.pose): row.cells for row in rows}
+    assert cells["theirs", "new"][0].speed_up == pytest.approx(10.0)
+    assert cells["theirs", "new"][1].reason == "not reached"
+    assert cells["theirs", "known"][1].sign == ">="
+    assert not cells["ours", "new"][0].compared
 
 
 def test_fit_finds_the_exponent_behind_a_fixed_cost() -> None:
@@ -213,10 +214,11 @@ def test_a_study_of_a_scene_is_whole_json(tiny: Scene, tmp_path: object, monkeyp
     monkeypatch.setattr(study, "_naive", lambda *arguments: [])
     monkeypatch.setattr(study.truth, "truth", lambda scene, *rest: truth.compute(scene, 64, 2))
     found = study.of_scene(replace(tiny, roughness=0.5), quick=True)
-    assert {curve["pose"] for curve in found["curves"]} == {"new", "known"}
-    assert all(len(p["seconds"]) >= 3 for curve in found["curves"] for p in curve["points"])
+    assert {curve.pose for curve in found.curves} == {"new", "known"}
+    assert all(len(p.seconds) >= 3 for curve in found.curves for p in curve.points)
     folder = Path(str(tmp_path)) / "out"
-    record.write(folder, {"schema": record.SCHEMA, "scenes": [found]})
-    assert record.read(folder)["scenes"][0]["equal_error"] == found["equal_error"]
+    whole = record.SpeedRecord(True, Provenance("0", None, "handbench speed"), (found,), study.GOALS, (), ())
+    record.write(folder, whole)
+    assert record.read(folder) == whole
     assert [path.name for path in folder.iterdir()] == ["speed.json"]
-    assert math.isfinite(found["truth"]["noise"])
+    assert math.isfinite(found.truth.noise)

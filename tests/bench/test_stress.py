@@ -148,7 +148,7 @@ def test_the_verb_writes_a_record_and_says_by_its_exit_code_whether_all_is_well(
     assert main(["stress", "--only", "light/distant light*", "--methods", "mean", "--out", str(tmp_path)]) == 0
     assert "every case as expected" in capsys.readouterr().out
     record = json.loads((tmp_path / "stress.json").read_text())
-    assert record["schema"] == 1 and record["failed"] == 0 and record["total"] == len(record["cases"]) == 5
+    assert record["schema"] == 2 and record["failed"] == 0 and record["total"] == len(record["cases"]) == 5
     assert record["provenance"]["device"]["cores"] >= 1
     assert record["cases"][0]["expected"] == "refused(InputError)" and record["cases"][0]["passed"]
 

@@ -4,17 +4,31 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from rich.console import Console
 
 from handbench.errors import InputError
 from handbench.reports.speed import cell_text, duration, goals, render_speed, speed_section, write_speed_report
-from handbench.studies.speed.equal_error import table
+from handbench.results.record import Device, Provenance
+from handbench.results.recordfile import sealed
+from handbench.studies.record import SCHEMA
+from handbench.studies.speed.equal_error import TimeAt, table
 from handbench.studies.speed.measure import Curve, Point
-from handbench.studies.speed.record import SCHEMA
+from handbench.studies.speed.record import (
+    Fit,
+    MethodStudy,
+    PoseCurve,
+    Reference,
+    Residual,
+    Scaling,
+    SceneStudy,
+    SpeedRecord,
+    read,
+    write,
+)
 from handbench.studies.speed.study import GOALS
 
 
@@ -23,53 +37,68 @@ def curve(renderer: str, pose: str, *pairs: tuple[float, float], knob: str = "li
 
 
 @pytest.fixture
-def found() -> dict[str, Any]:
-    curves = [
+def found() -> SpeedRecord:
+    curves = (
         curve("handbench", "new", (0.02, 0.2), (0.05, 0.02), (0.2, 0.005)),
         curve("Mitsuba direct", "new", (0.1, 0.2), (9.0, 0.02), (40.0, 0.009), knob="samples"),
         curve("handbench", "known", (0.001, 0.05), (0.004, 0.006)),
         curve("Mitsuba direct", "known", (0.1, 0.2), (9.0, 0.02), knob="samples"),
-    ]
-    scene = {
-        "name": "lambert-sun",
-        "title": "Lambert <sun>",
-        "triangles": 10,
-        "picture": [4, 4],
-        "truth": {"pixels": 9, "noise": 0.001},
-        "mitsuba_residual": {"error": 0.002, "noise": 0.001},
-        "notes": [],
-        "learn": [],
-        "curves": [one.json() for one in curves],
-        "equal_error": table(curves),
-    }
-    scaling = {
-        "axis": "lights",
-        "title": "Lights",
-        "sizes": [1, 16, 256],
-        "seconds": [[0.1, 0.2], [0.2, 0.3], [1.0, 1.2]],
-        "fit": {"exponent": 0.8, "error": 0.05, "scale": 0.01, "used": 3},
-    }
-    method = {
-        "method": "physical",
-        "title": "Physical",
-        "curves": [curve("", pose, (0.1, 0.0), (0.05, 0.1)).json() for pose in ("new", "known")],
-    }
-    device = {"cpu": "Test CPU", "cores": 2, "threads": 2, "memory_gb": 8.0, "gpus": []}
-    return {
-        "schema": SCHEMA,
-        "quick": True,
-        "provenance": {"device": device, "version": "0", "command": "handbench speed"},
-        "scenes": [scene],
-        "goals": [dict(goal) for goal in GOALS],
-        "scaling": [scaling],
-        "methods": [method, {"method": "oracle", "title": "Oracle", "curves": [], "reason": "a calibration row"}],
-    }
+    )
+    scene = SceneStudy(
+        name="lambert-sun",
+        title="Lambert <sun>",
+        triangles=10,
+        picture=(4, 4),
+        truth=Reference(9, 0.001),
+        mitsuba_residual=Residual(0.002, 0.001),
+        notes=(),
+        learn=(),
+        curves=curves,
+        equal_error=table(curves),
+    )
+    growth = Fit(exponent=0.8, error=0.05, scale=0.01, used=3)
+    scaling = Scaling("lights", "Lights", (1, 16, 256), ((0.1, 0.2), (0.2, 0.3), (1.0, 1.2)), growth)
+    of_method = tuple(PoseCurve(pose, curve("", pose, (0.1, 0.0), (0.05, 0.1)).points) for pose in ("new", "known"))
+    methods = (
+        MethodStudy("physical", "Physical", of_method),
+        MethodStudy("oracle", "Oracle", reason="a calibration row"),
+    )
+    device = Device(cpu="Test CPU", cores=2, threads=2, memory_gb=8.0)
+    about = Provenance("0", None, "handbench speed", device=device)
+    return SpeedRecord(True, about, (scene,), GOALS, (scaling,), methods)
 
 
 @pytest.fixture
-def folder(found: dict[str, Any], tmp_path: Path) -> Path:
-    (tmp_path / "speed.json").write_text(json.dumps(found))
+def folder(found: SpeedRecord, tmp_path: Path) -> Path:
+    write(tmp_path, found)
     return tmp_path
+
+
+def test_what_is_written_is_read(folder: Path, found: SpeedRecord) -> None:
+    assert read(folder) == found
+
+
+def test_a_study_of_version_1_is_read(folder: Path, found: SpeedRecord) -> None:
+    """It had no digest, and a ratio where a renderer was compared."""
+    content = json.loads((folder / "speed.json").read_text())
+    for line in content["scenes"][0]["equal_error"]:
+        for cell in line["cells"]:
+            if not cell.pop("compared"):
+                del cell["speed_up"], cell["sign"], cell["reason"]
+    del content["digest"]
+    (folder / "speed.json").write_text(json.dumps({**content, "schema": 1}))
+    assert read(folder) == found
+
+
+def test_a_damaged_study_is_a_sentence_with_its_place(folder: Path) -> None:
+    content = json.loads((folder / "speed.json").read_text())
+    content["scenes"][0]["curves"][1]["points"][0]["seconds"] = "long"
+    (folder / "speed.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="digest does not fit the rest: the file was changed"):
+        speed_section(folder)
+    (folder / "speed.json").write_text(json.dumps(sealed(content)))
+    with pytest.raises(InputError, match=r'scenes\[0\].curves\[1\].points\[0\].seconds is "long", not a list; run'):
+        speed_section(folder)
 
 
 def test_report_needs_no_other_file(folder: Path) -> None:
@@ -96,26 +125,27 @@ def test_section_is_a_fragment_or_nothing(folder: Path, tmp_path: Path) -> None:
     assert speed_section(tmp_path / "nowhere") is None
 
 
-def test_study_of_a_newer_version_is_refused(folder: Path, found: dict[str, Any]) -> None:
-    (folder / "speed.json").write_text(json.dumps({**found, "schema": SCHEMA + 1}))
-    with pytest.raises(InputError, match="measure again"):
+def test_study_of_a_newer_version_is_refused(folder: Path, found: SpeedRecord) -> None:
+    content = json.loads((folder / "speed.json").read_text())
+    (folder / "speed.json").write_text(json.dumps({**content, "schema": SCHEMA + 1}))
+    with pytest.raises(InputError, match="run 'handbench speed' again"):
         speed_section(folder)
 
 
-def test_goals_are_judged_on_what_was_reached(found: dict[str, Any]) -> None:
+def test_goals_are_judged_on_what_was_reached(found: SpeedRecord) -> None:
     new, known = goals(found)
     assert new[0] and "goal 3 times" in new[1]
     assert not known[0] and "not reached" in known[1]  # Mitsuba's known pose stops at 2 %
 
 
 def test_cells_say_what_they_know() -> None:
-    cell = {"error": 0.01, "seconds": 0.25, "bound": True, "speed_up": 5.0, "sign": "<=", "reason": ""}
+    cell = TimeAt(0.01, 0.25, bound=True, compared=True, speed_up=5.0, sign="<=")
     assert cell_text(cell) == "≤ 250 ms (≤ 5×)"
-    assert cell_text({**cell, "seconds": None}) == "not reached"
+    assert cell_text(replace(cell, seconds=None)) == "not reached"
     assert [duration(t) for t in (2.5, 0.0123, 4e-5)] == ["2.5 s", "12.3 ms", "40 µs"]
 
 
-def test_terminal_shows_every_table(found: dict[str, Any]) -> None:
+def test_terminal_shows_every_table(found: SpeedRecord) -> None:
     out = io.StringIO()
     Console(width=140, file=out).print(render_speed(found))
     text = out.getvalue()

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -10,15 +9,20 @@ import pytest
 from handbench.errors import InputError
 from handbench.reports import write_reports
 from handbench.reports.stress import stress_section
+from handbench.results.record import Device, Provenance
+from handbench.results.schema import plain
 from handbench.studies.stress.case import Result
-from handbench.studies.stress.record import write_record
+from handbench.studies.stress.record import StressRecord, read_record, write_record
 
 RESULTS = (
     Result("brdf", "roughness 0.1", "accurate(1e-05)", "jax float64", "relative error 3.1e-06", 3.1e-6, 1.5, True),
     Result("brdf", "d = -ω", "finite", "", "finite", None, 0.2, True),
     Result("hand", "pose <script>", "finite", "", "crashes: the process ended with SIGSEGV", None, 4000.0, False),
 )
-ABOUT = {"device": {"cpu": "Example CPU 9000", "cores": 2}}
+ABOUT = Provenance("0", None, "handbench stress", device=Device("Example CPU 9000", 2, 2))
+
+
+OLD = {"schema": 1, **plain(StressRecord.of(RESULTS, 12.3, ABOUT))}
 
 
 class _Balanced(HTMLParser):
@@ -53,6 +57,11 @@ def test_the_section_shows_failures_first_then_families_then_all(tmp_path: Path)
     assert "http" not in html, "needs nothing from elsewhere"
 
 
+def test_a_run_of_version_1_is_read(tmp_path: Path) -> None:
+    (tmp_path / "stress.json").write_text(json.dumps(OLD))
+    assert read_record(tmp_path) == StressRecord.of(RESULTS, 12.3, ABOUT)
+
+
 def test_a_clean_run_says_so(tmp_path: Path) -> None:
     write_record(tmp_path, RESULTS[:2], 1.0, ABOUT)
     html = stress_section(tmp_path)
@@ -63,10 +72,14 @@ def test_a_clean_run_says_so(tmp_path: Path) -> None:
     ("text", "told"),
     [
         ("{", "is no JSON"),
-        ('{"schema": 99}', "schema 99, expected 1"),
+        ('{"schema": 99}', "schema 99, this version reads 2"),
         ("[]", "schema None"),
-        ('{"schema": 1, "cases": []}', "lacks what a stress run writes"),
-        (json.dumps({"schema": 1, "cases": [{**asdict(RESULTS[0]), "colour": 1}]}), "lacks what a stress run writes"),
+        ('{"schema": 1, "cases": []}', "provenance is missing; run 'handbench stress' again"),
+        (
+            json.dumps({**OLD, "cases": [{**OLD["cases"][0], "passed": 1}]}),
+            r"cases\[0\].passed is 1, not true",
+        ),
+        (json.dumps({**OLD, "schema": 2}), "digest does not fit the rest"),
     ],
 )
 def test_a_damaged_file_is_an_input_error(tmp_path: Path, text: str, told: str) -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Literal
 
+from ...results.schema import told
 from .measure import Curve, Point
 
 TARGETS = (0.10, 0.03, 0.01, 0.003)
@@ -55,7 +56,7 @@ class SpeedUp:
     """
 
     times: float | None
-    sign: str = "="
+    sign: Literal["=", ">=", "<="] = "="
     reason: str = ""
 
 
@@ -67,25 +68,46 @@ def speed_up(ours: Reached | None, theirs: Reached | None) -> SpeedUp:
         return SpeedUp(None, reason="not reached")
     if ours.bound and theirs.bound:
         return SpeedUp(None, reason="both coarsest settings are better")
-    sign = ">=" if ours.bound else "<=" if theirs.bound else "="
+    sign: Literal["=", ">=", "<="] = ">=" if ours.bound else "<=" if theirs.bound else "="
     return SpeedUp(theirs.seconds / ours.seconds, sign)
 
 
-def table(curves: Sequence[Curve], targets: Sequence[float] = TARGETS) -> list[dict[str, Any]]:
-    """JSON rows, one a pose and renderer: seconds to each error, and for competitors how much faster ours is."""
-    rows = []
+@dataclass(frozen=True)
+class TimeAt:
+    """A renderer's time to an error."""
+
+    error: float = told("relative RMSE")
+    seconds: float | None = told("null where it was not reached")
+    bound: bool = told("whether the cheapest setting is better already, so it may take less", default=False)
+    compared: bool = told("whether handbench's time is beside it", default=False)
+    speed_up: float | None = told("how many times faster handbench is; null where that cannot be said", default=None)
+    sign: Literal["=", ">=", "<="] = told("whether the ratio is only bounded", default="=")
+    reason: str = told("why there is no ratio", default="")
+
+
+@dataclass(frozen=True)
+class Line:
+    """A renderer's times to the same errors, for new poses or for known ones."""
+
+    pose: Literal["new", "known"] = told("which poses")
+    renderer: str = told("its name")
+    cells: tuple[TimeAt, ...] = told("one an error")
+
+
+def table(curves: Sequence[Curve], targets: Sequence[float] = TARGETS) -> tuple[Line, ...]:
+    """A line a pose and renderer: seconds to each error, and for competitors how much faster ours is."""
+    lines = []
     for pose in dict.fromkeys(curve.pose for curve in curves):
         of_pose = [curve for curve in curves if curve.pose == pose]
         ours = [time_at(of_pose[0].points, target) for target in targets]
         for curve in of_pose:
-            reached = [time_at(curve.points, target) for target in targets]
-            row: dict[str, Any] = {"pose": pose, "renderer": curve.renderer, "cells": []}
-            for target, mine, found in zip(targets, ours, reached, strict=True):
-                cell: dict[str, Any] = {"error": target, "seconds": found and found.seconds}
-                cell["bound"] = bool(found and found.bound)
+            cells = []
+            for target, mine in zip(targets, ours, strict=True):
+                found = time_at(curve.points, target)
+                cell = TimeAt(target, found and found.seconds, bool(found and found.bound))
                 if curve is not of_pose[0]:
                     ratio = speed_up(mine, found)
-                    cell.update(speed_up=ratio.times, sign=ratio.sign, reason=ratio.reason)
-                row["cells"].append(cell)
-            rows.append(row)
-    return rows
+                    cell = replace(cell, compared=True, speed_up=ratio.times, sign=ratio.sign, reason=ratio.reason)
+                cells.append(cell)
+            lines.append(Line(pose, curve.renderer, tuple(cells)))
+    return tuple(lines)

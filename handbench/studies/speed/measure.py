@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from statistics import median, quantiles
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
+
+from ...results.schema import told
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Point:
-    """One setting of a renderer: `knob` names what was turned, `label` says to what; seconds of every repeat."""
+    """One setting of a renderer, how wrong the picture is, and how long it took."""
 
-    knob: str
-    label: str
-    error: float
-    seconds: tuple[float, ...]
+    knob: str = told("what was turned")
+    label: str = told("to what")
+    error: float = told("relative RMSE")
+    seconds: tuple[float, ...] = told("of every repeat")
 
     @property
     def time(self) -> float:
@@ -32,20 +34,14 @@ class Point:
         low, _, high = quantiles(self.seconds, n=4, method="inclusive")
         return low, high
 
-    def json(self) -> dict[str, Any]:
-        return {**asdict(self), "seconds": list(self.seconds)}
-
 
 @dataclass(frozen=True)
 class Curve:
     """The points of one renderer for new poses or for known ones."""
 
-    renderer: str
-    pose: str
-    points: tuple[Point, ...]
-
-    def json(self) -> dict[str, Any]:
-        return {"renderer": self.renderer, "pose": self.pose, "points": [point.json() for point in self.points]}
+    renderer: str = told("its name")
+    pose: Literal["new", "known"] = told("which poses")
+    points: tuple[Point, ...] = told("one a setting")
 
 
 def timed(prepare: Callable[[int], Any], work: Callable[[Any], T], repeats: int) -> tuple[tuple[float, ...], list[T]]:

@@ -10,15 +10,18 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import is_dataclass, replace
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from ...bench import given
+from ...bench.failure import failure
+from ...bench.isolation import isolated
+from ...bench.lending import Lender
 from ...bench.protocol import Protocol, Selected, resolve
+from ...bench.reader import CaptureReader
 from ...bench.run import find_protocol
 from ...data.capture import open_capture
-from ...errors import HandbenchError
 from ...light.environment import rotate
 from ...light.reduction import reduced
 from ...method import Avatar, Prior
@@ -27,6 +30,7 @@ from ...registry import METHODS
 from ...scene import Directional, Environment, Frame, Group, Light, Query, needed
 from ...skips import NONE, Skips, skipping
 from .measure import Point, timed
+from .record import MethodStudy, PoseCurve
 from .scene import moved
 from .truth import relative_rmse
 
@@ -43,39 +47,41 @@ def protocol() -> Protocol:
     return find_protocol(PROTOCOL)
 
 
-def study(name: str, quick: bool) -> dict[str, Any]:
-    """JSON of a method's points, or of the reason why there are none.
+def study(name: str, quick: bool) -> MethodStudy:
+    """A method's points, or the reason why there are none. It is lent copies of the capture's arrays, as in a run.
 
     Raises `InputError` for an unknown method. New poses and known ones have a curve each.
     """
     tried = protocol()
     method = METHODS.load(name)(preset=tried.preset_of(name))
-    found: dict[str, Any] = {"method": name, "title": method.info.title, "curves": []}
+    found = MethodStudy(name, method.info.title)
     if method.info.truth:
-        return {**found, "reason": "a calibration row: it reads its answers"}
+        return replace(found, reason="a calibration row: it reads its answers")
     capture = open_capture(tried.capture, tried.size)
-    selected = resolve(tried, capture.frames())
+    reader, lender = CaptureReader(capture), Lender()
     try:
-        frame = _environment_frame(selected)
-        prior = method.train(given.training(selected, capture.observe), seed=0)
-        enrolment = given.enrolment(selected, method.info, frame.subject, capture.observe)
-        query = given.asked(selected, method.info, frame)
-        return {**found, "query": frame.key, "curves": _curves(prior, enrolment, query, quick)}
+        with isolated():
+            selected = lender.lend(resolve(tried, capture.frames(), capture.offers), name)
+            frame = _environment_frame(selected)
+            prior = method.train(given.training(selected, reader), seed=0)
+            enrolment = given.enrolment(selected, method.info, frame.subject, reader)
+            curves = _curves(prior, enrolment, given.asked(selected, method.info, frame), quick)
+        lender.check()
     except (Exception, SystemExit) as error:  # a method's error is its own row's reason, not the study's end
-        named = "" if isinstance(error, HandbenchError) else f"crashed, {type(error).__name__}: "
-        return {**found, "curves": [], "reason": named + " ".join(str(error).split())}
+        return replace(found, reason=failure(error).reason)
+    return replace(found, query=frame.key, curves=curves)
 
 
 def _environment_frame(selected: Selected) -> Frame:
     return next(f for frames in selected.scored.values() for f in frames if f.kind == "environment")
 
 
-def _curves(prior: Prior, enrolment: Recording, query: Query, quick: bool) -> list[dict[str, Any]]:
+def _curves(prior: Prior, enrolment: Recording, query: Query, quick: bool) -> tuple[PoseCurve, ...]:
     avatar = prior.personalise(enrolment)
     with skipping(NONE):  # an avatar of its own: what one keeps fits the skips it was kept under
         without = prior.personalise(enrolment)
         expected = without.relight(query).image.astype(np.float64)
-    kinds: dict[str, list[Point]] = {"new": [], "known": []}
+    kinds: dict[Literal["new", "known"], list[Point]] = {"new": [], "known": []}
     repeats = 2 if quick else 5
 
     def add(knob: str, label: str, one: Avatar, lit: Lit = lambda light: light, skips: Skips = _FULL) -> None:
@@ -98,7 +104,7 @@ def _curves(prior: Prior, enrolment: Recording, query: Query, quick: bool) -> li
             add("lights", f"{count} lights", avatar, partial(_few, count=count))
     for field, label, value in [] if quick else _settings(prior):
         add(field, label, with_setting(prior, field, value).personalise(enrolment))
-    return [{"pose": pose, "points": [point.json() for point in points]} for pose, points in kinds.items()]
+    return tuple(PoseCurve(pose, tuple(points)) for pose, points in kinds.items())
 
 
 def _turned(light: Light, step: int) -> Light:

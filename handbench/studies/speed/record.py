@@ -2,33 +2,145 @@
 
 from __future__ import annotations
 
-import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from ...errors import InputError
-from ...files import read_json, whole, writing
+from ...results.record import Provenance
+from ...results.schema import told
+from ..record import read_study, write_study
+from .equal_error import Line
+from .measure import Curve, Point
 
-SCHEMA = 1
 RESULT = "speed.json"
 MITSUBA = {"default": "Mitsuba direct", "tuned": "Mitsuba direct, tuned"}
 
 
-def write(folder: Path, found: dict[str, Any]) -> Path:
+@dataclass(frozen=True)
+class Reference:
+    """The picture that errors are measured from."""
+
+    pixels: int = told("how many of its pixels are compared")
+    noise: float = told("relative RMSE that is left in it")
+
+
+@dataclass(frozen=True)
+class Residual:
+    """How far the converged picture of another renderer is from the reference."""
+
+    error: float = told("relative RMSE")
+    noise: float = told("how much of it is noise of that picture")
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What it took to keep a pose."""
+
+    label: str = told("the setting")
+    seconds: float = told("how long it took")
+
+
+@dataclass(frozen=True)
+class SceneStudy:
+    """A scene drawn by every renderer at every setting."""
+
+    name: str = told("its name")
+    title: str = told("its name for readers")
+    triangles: int = told("of its mesh")
+    picture: tuple[int, ...] = told("width and height in pixels")
+    truth: Reference = told("the reference")
+    mitsuba_residual: Residual | None = told("where Mitsuba converges to; null if it was not asked")
+    notes: tuple[str, ...] = told("what a reader must know")
+    learn: tuple[Learned, ...] = told("what it took to keep a pose, by setting")
+    curves: tuple[Curve, ...] = told("one a renderer and pose")
+    equal_error: tuple[Line, ...] = told("times to the same errors")
+
+
+@dataclass(frozen=True)
+class Goal:
+    """How many times faster than Mitsuba a picture of a scene should be at an error."""
+
+    scene: str = told("the scene's name")
+    error: float = told("relative RMSE")
+    new: float = told("times, for a new pose")
+    known: float = told("times, for a known pose")
+
+
+@dataclass(frozen=True)
+class Fit:
+    """time = scale * size^exponent by least squares in log-log over the last `used` sizes; error: standard error."""
+
+    exponent: float = told("of the size")
+    error: float = told("standard error of the exponent")
+    scale: float = told("seconds at size 1")
+    used: int = told("how many sizes it is fitted to, from the last on")
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Time against one size."""
+
+    axis: str = told("what grows")
+    title: str = told("that for readers")
+    sizes: tuple[int, ...] = told("the sizes")
+    seconds: tuple[tuple[float, ...], ...] = told("of every repeat at each size")
+    fit: Fit = told("of the medians")
+
+
+@dataclass(frozen=True)
+class PoseCurve:
+    """A method's settings for new poses or for known ones."""
+
+    pose: Literal["new", "known"] = told("which")
+    points: tuple[Point, ...] = told("one a setting")
+
+
+@dataclass(frozen=True)
+class MethodStudy:
+    """A method's error against its own full picture, and its time, by setting."""
+
+    method: str = told("its name")
+    title: str = told("its name for readers")
+    curves: tuple[PoseCurve, ...] = told("of new and of known poses; none if it could not be measured", default=())
+    query: str = told("the frame that was drawn", default="")
+    reason: str = told("why there are no curves", default="")
+
+
+@dataclass(frozen=True)
+class SpeedRecord:
+    """speed.json: error against time."""
+
+    quick: bool = told("fewer scenes, settings and repeats")
+    provenance: Provenance = told("where it comes from")
+    scenes: tuple[SceneStudy, ...] = told("the scenes")
+    goals: tuple[Goal, ...] = told("what is wanted")
+    scaling: tuple[Scaling, ...] = told("how time grows")
+    methods: tuple[MethodStudy, ...] = told("the methods")
+
+
+def write(folder: Path, found: SpeedRecord) -> Path:
     """`speed.json` in the folder, whole or not at all. Raises `StorageError` if it cannot be written."""
-    path = folder / RESULT
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        with whole(path) as part:
-            part.write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return path
+    return write_study(folder / RESULT, found)
 
 
-def read(folder: Path) -> dict[str, Any]:
-    """What `write` wrote. Raises `InputError` where there is none or another version wrote it."""
-    path = folder / RESULT
-    found: dict[str, Any] = read_json(path, what="speed study")
-    schema = found.get("schema") if isinstance(found, dict) else None
-    if schema != SCHEMA:
-        raise InputError(f"{path} has schema {schema}, this version reads {SCHEMA}; measure again")
+def read(folder: Path) -> SpeedRecord:
+    """What `write` wrote. Raises `InputError` where there is none, or none that this version reads."""
+    return read_study(SpeedRecord, folder / RESULT, "speed", _older)
+
+
+def _older(content: dict[str, Any]) -> dict[str, Any]:
+    """Cells of version 1 had a ratio where another renderer was compared, and said so by nothing else."""
+
+    def cell(old: Any) -> Any:
+        return {**old, "compared": "speed_up" in old} if isinstance(old, dict) else old
+
+    def within(name: str, change: Any, old: Any) -> Any:
+        if isinstance(old, dict) and isinstance(old.get(name), list):
+            return {**old, name: [change(each) for each in old[name]]}
+        return old
+
+    def scene(old: Any) -> Any:
+        return within("equal_error", lambda line: within("cells", cell, line), old)
+
+    found: dict[str, Any] = within("scenes", scene, content)
     return found

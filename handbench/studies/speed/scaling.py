@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from itertools import cycle, islice
 from statistics import median
 from typing import Any
@@ -16,17 +15,8 @@ from ...scene import Array, Mesh
 from .configurations import Configuration
 from .core import Core
 from .measure import timed
+from .record import Fit, Scaling
 from .scene import LEVEL, Scene, moved
-
-
-@dataclass(frozen=True)
-class Fit:
-    """time = scale * size^exponent by least squares in log-log over the last `used` sizes; error: standard error."""
-
-    exponent: float
-    error: float
-    scale: float
-    used: int
 
 
 def fit(sizes: Sequence[float], seconds: Sequence[float]) -> Fit:
@@ -46,20 +36,6 @@ def fit(sizes: Sequence[float], seconds: Sequence[float]) -> Fit:
     return Fit(exponent, float(np.sqrt(rest @ rest / freedom / (offset @ offset))), float(np.exp(constant)), len(x))
 
 
-@dataclass(frozen=True)
-class Scaling:
-    """One axis: sizes, seconds of every repeat at each, and the fit of the medians."""
-
-    axis: str
-    title: str
-    sizes: tuple[int, ...]
-    seconds: tuple[tuple[float, ...], ...]
-
-    def json(self) -> dict[str, Any]:
-        growth = fit(self.sizes, [median(repeats) for repeats in self.seconds])
-        return {**asdict(self), "fit": asdict(growth)}
-
-
 def scalings(scene: Scene, quick: bool, progress: Callable[[], None]) -> list[Scaling]:
     """The four axes on a scene, Lambert with hard shadows."""
     lights = (1, 16, 256, 1024, 4096) if quick else (1, 4, 16, 64, 256, 1024, 4096)
@@ -76,7 +52,8 @@ def scalings(scene: Scene, quick: bool, progress: Callable[[], None]) -> list[Sc
             one = work(size)
             seconds.append(timed(lambda step: step, one, repeats)[0])
             progress()
-        found.append(Scaling(axis, title, sizes, tuple(seconds)))
+        growth = fit(sizes, [median(times) for times in seconds])
+        found.append(Scaling(axis, title, sizes, tuple(seconds), growth))
 
     def of_lights(count: int) -> Callable[[int], Array]:
         core = Core(scene, Configuration(texture=64, lights=count))

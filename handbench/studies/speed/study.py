@@ -1,4 +1,4 @@
-"""The whole study: scenes, curves, equal-error table, scaling, methods; one JSON value that reports are made from.
+"""The whole study: scenes, curves, equal-error table, scaling, methods; one record that reports are made from.
 
 On the clock of a new pose is all that a new mesh asks for: smooth normals, the ray tracer's tree, what the camera sees,
 shadows, shading, the picture. On that of a known pose is a picture under another map: ours keeps raster and transfer,
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from statistics import median
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from ...bench.provenance import provenance
 from ...errors import Unsupported
 from ...method import Progress, silent
 from ...registry import METHODS
-from ...results.schema import plain
 from ...scene import Array
 from . import methods, truth
 from .competitors import Mitsuba, Naive
@@ -27,18 +26,18 @@ from .configurations import known_pose_sweep, new_pose_sweep
 from .core import Core
 from .equal_error import TARGETS, table
 from .measure import Curve, Point, timed
-from .record import MITSUBA, SCHEMA
+from .record import MITSUBA, Goal, Learned, Reference, Residual, SceneStudy, SpeedRecord
 from .scaling import scalings
 from .scene import Scene, moved, scenes
 from .truth import Truth
 
 OURS, NAIVE = "handbench", "naive torch"
 
-GOALS = ({"scene": "lambert-sun", "error": 0.01, "new": 3.0, "known": 30.0},)
+GOALS = (Goal("lambert-sun", error=0.01, new=3.0, known=30.0),)
 """How many times faster than Mitsuba a new and a known pose should be."""
 
 
-def study(chosen: Sequence[str] | None, quick: bool, command: list[str], steps: Steps) -> dict[str, Any]:
+def study(chosen: Sequence[str] | None, quick: bool, command: list[str], steps: Steps) -> SpeedRecord:
     """Measure everything; `chosen` names methods, None means all, or if `quick` those of the smoke protocol.
 
     Nothing is written.
@@ -49,7 +48,7 @@ def study(chosen: Sequence[str] | None, quick: bool, command: list[str], steps: 
     names = list(every if chosen is None else chosen)
     for name in names:
         METHODS.entry(name)
-    about = plain(provenance(command))
+    about = provenance(command)
     drawn = [of_scene(scene, quick, steps(f"speed {scene.name}")) for scene in scenes(quick)]
     counted, growth = 0, steps("speed scaling")
 
@@ -58,28 +57,20 @@ def study(chosen: Sequence[str] | None, quick: bool, command: list[str], steps: 
         counted += 1
         growth(counted, _AXES[quick])
 
-    grown = [scaling.json() for scaling in scalings(scenes(True)[0], quick, count)]
+    grown = tuple(scalings(scenes(True)[0], quick, count))
     tried, told = [], steps("speed methods")
     for done, name in enumerate(names, start=1):
         tried.append(methods.study(name, quick))
         told(done, len(names))
-    return {
-        "schema": SCHEMA,
-        "quick": quick,
-        "provenance": about,
-        "scenes": drawn,
-        "goals": [dict(goal) for goal in GOALS],
-        "scaling": grown,
-        "methods": tried,
-    }
+    return SpeedRecord(quick, about, tuple(drawn), GOALS, grown, tuple(tried))
 
 
 _AXES = {True: 16, False: 22}
 """Sizes that `scalings` measures."""
 
 
-def of_scene(scene: Scene, quick: bool, progress: Progress = silent) -> dict[str, Any]:
-    """JSON of a scene: its reference, all curves, the equal-error table, and where Mitsuba converges to."""
+def of_scene(scene: Scene, quick: bool, progress: Progress = silent) -> SceneStudy:
+    """A scene: its reference, all curves, the equal-error table, and where Mitsuba converges to."""
     samples = (16, 64, 256) if quick else (4, 16, 64, 256, 1024)
     expected = truth.truth(scene, *((512, 4) if quick else (truth.DIRECTIONS, truth.GRID)))
     repeats = 3 if quick else 5
@@ -93,28 +84,29 @@ def of_scene(scene: Scene, quick: bool, progress: Progress = silent) -> dict[str
             notes.append(str(error))
     else:
         notes.append("Mitsuba has no BRDF of these terms, so it is compared on the Lambert scenes only")
-    points: dict[tuple[str, str], list[Point]] = {}
-    kept: list[dict[str, Any]] = []
+    points: dict[tuple[str, _Pose], list[Point]] = {}
+    kept: list[Learned] = []
     for done, (renderer, pose, job) in enumerate(jobs, start=1):
         for point in job(kept):
             points.setdefault((renderer, pose), []).append(point)
         progress(done, len(jobs))
     curves = [Curve(renderer, pose, tuple(found)) for (renderer, pose), found in points.items()]
-    return {
-        "name": scene.name,
-        "title": scene.title,
-        "triangles": len(scene.mesh.topology.faces),
-        "picture": [scene.camera.width, scene.camera.height],
-        "truth": {"pixels": len(expected.pixels), "noise": expected.noise},
-        "mitsuba_residual": residual,
-        "notes": notes,
-        "learn": kept,
-        "curves": [curve.json() for curve in curves],
-        "equal_error": table(curves, TARGETS),
-    }
+    return SceneStudy(
+        name=scene.name,
+        title=scene.title,
+        triangles=len(scene.mesh.topology.faces),
+        picture=(scene.camera.width, scene.camera.height),
+        truth=Reference(len(expected.pixels), expected.noise),
+        mitsuba_residual=residual,
+        notes=tuple(notes),
+        learn=tuple(kept),
+        curves=tuple(curves),
+        equal_error=table(curves, TARGETS),
+    )
 
 
-_Job = tuple[str, str, Callable[[list[dict[str, Any]]], list[Point]]]
+_Pose: TypeAlias = Literal["new", "known"]
+_Job: TypeAlias = tuple[str, _Pose, Callable[[list[Learned]], list[Point]]]
 
 
 def _ours(scene: Scene, expected: Truth, quick: bool, repeats: int) -> list[_Job]:
@@ -122,9 +114,9 @@ def _ours(scene: Scene, expected: Truth, quick: bool, repeats: int) -> list[_Job
         work = timed(lambda step: moved(scene.mesh, step), core.new_pose, repeats)
         return [_point(knob, core.configuration.label, expected, *work)]
 
-    def known(knob: str, core: Core, kept: list[dict[str, Any]]) -> list[Point]:
+    def known(knob: str, core: Core, kept: list[Learned]) -> list[Point]:
         seconds, answers = timed(lambda step: moved(scene.mesh, step), core.learn, 1)
-        kept.append({"label": core.configuration.label, "seconds": seconds[0]})
+        kept.append(Learned(core.configuration.label, seconds[0]))
         work = timed(lambda step: scene.environment, answers[0].picture, 3 * repeats)
         return [_point(knob, core.configuration.label, expected, *work)]
 
@@ -144,7 +136,7 @@ def _naive(scene: Scene, expected: Truth, quick: bool, repeats: int) -> list[_Jo
     settings += [] if quick else [(192, (16, 32)), (384, (8, 16))]
     few = max(2, repeats // 2)
 
-    def run(texture: int, grid: tuple[int, int], pose: str) -> list[Point]:
+    def run(texture: int, grid: tuple[int, int], pose: _Pose) -> list[Point]:
         naive = Naive(scene, texture, grid)
         label = f"{texture}^2, {grid[0]}x{grid[1]} grid"
         if pose == "new":
@@ -167,14 +159,14 @@ def _mitsuba(scene: Scene, expected: Truth, samples: Sequence[int], repeats: int
         most = samples[-1] * (4 if setting == "default" else 1)  # plain random samples need more of them
         for count in [*samples, most] if most > samples[-1] else samples:
 
-            def new(kept: list[dict[str, Any]], r: Mitsuba = renderer, n: int = count) -> list[Point]:
+            def new(kept: list[Learned], r: Mitsuba = renderer, n: int = count) -> list[Point]:
                 def posed(mesh: Any) -> Array:
                     r.pose(mesh)
                     return r.picture(n)
 
                 return [_point("samples", f"{n} spp", expected, *timed(lambda s: moved(scene.mesh, s), posed, few))]
 
-            def known(kept: list[dict[str, Any]], r: Mitsuba = renderer, n: int = count) -> list[Point]:
+            def known(kept: list[Learned], r: Mitsuba = renderer, n: int = count) -> list[Point]:
                 return [_point("samples", f"{n} spp", expected, *timed(lambda s: s, lambda s: r.picture(n), few))]
 
             jobs += [(name, "new", new), (name, "known", known)]
@@ -185,7 +177,7 @@ def _point(knob: str, label: str, expected: Truth, seconds: tuple[float, ...], p
     return Point(knob, label, median(expected.error(picture) for picture in pictures), seconds)
 
 
-def converged(scene: Scene, expected: Truth, pictures: int, samples: int = 256) -> dict[str, float]:
+def converged(scene: Scene, expected: Truth, pictures: int, samples: int = 256) -> Residual:
     """How far Mitsuba's converged picture is from the reference: relative RMSE over the mean of many pictures.
 
     noise: what is left in that mean, from its two halves.
@@ -193,7 +185,7 @@ def converged(scene: Scene, expected: Truth, pictures: int, samples: int = 256) 
     renderer = Mitsuba(scene, "tuned")
     halves = [np.mean([renderer.picture(samples) for _ in range(pictures // 2)], axis=0) for _ in range(2)]
     between = expected.error((halves[0] - halves[1]).reshape(halves[0].shape) / 2 + _filled(expected, halves[0]))
-    return {"error": expected.error(np.mean(halves, axis=0)), "noise": between}
+    return Residual(expected.error(np.mean(halves, axis=0)), between)
 
 
 def _filled(expected: Truth, like: Array) -> Array:

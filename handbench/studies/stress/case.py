@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ...results.schema import told
 from .outcome import Expected
 
 LIMIT = 20.0
@@ -30,13 +31,13 @@ class Case:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a case: `error` is the relative error where one was measured, `milliseconds` what it took."""
+    """What came of a case."""
 
-    family: str
-    name: str
-    expected: str
-    reference: str
-    observed: str
-    error: float | None
-    milliseconds: float
-    passed: bool
+    family: str = told("its family")
+    name: str = told("its name in the family")
+    expected: str = told("what should come of it")
+    reference: str = told("what its answer was held against")
+    observed: str = told("what came of it")
+    error: float | None = told("the relative error, where one was measured")
+    milliseconds: float = told("what it took")
+    passed: bool = told("whether that is as expected")

@@ -237,7 +237,7 @@ def _out_of_picture(name: str) -> Any:
 
 def _trained_on_nothing(name: str) -> Any:
     trained = trained_method(name)
-    prior = trained.method.train(Recording((), trained.capture.observe), seed=0)
+    prior = trained.method.train(Recording((), trained.reader), seed=0)
     return trained.draw(trained.query, prior.personalise(trained.enrolment, seed=0))
 
 

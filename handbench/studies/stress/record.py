@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import StorageError
-from ...files import whole
+from ...results.record import Provenance
+from ...results.schema import told
+from ..record import read_study, write_study
 from .case import Result
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-SCHEMA = 1
 FILE = "stress.json"
 
 
@@ -43,24 +42,30 @@ def _summary(family: str, results: list[Result]) -> Summary:
     return Summary(family, len(results), failed, max(errors, default=None), seconds)
 
 
-def write_record(folder: Path, results: Sequence[Result], seconds: float, provenance: dict[str, Any]) -> Path:
+@dataclass(frozen=True)
+class StressRecord:
+    """stress.json: hard cases and what came of them."""
+
+    provenance: Provenance = told("where it comes from")
+    seconds: float = told("what all of them took")
+    total: int = told("how many cases there are")
+    failed: int = told("how many did not come out as expected")
+    cases: tuple[Result, ...] = told("the cases, in order")
+
+    @staticmethod
+    def of(results: Sequence[Result], seconds: float, about: Provenance) -> StressRecord:
+        cases = tuple(replace(result, milliseconds=round(result.milliseconds, 1)) for result in results)
+        return StressRecord(about, round(seconds, 1), len(cases), sum(not case.passed for case in cases), cases)
+
+
+def write_record(folder: Path, results: Sequence[Result], seconds: float, about: Provenance) -> Path:
     """Write stress.json into a folder, which is made. Raises `StorageError` if that cannot be."""
-    record = {
-        "schema": SCHEMA,
-        "provenance": provenance,
-        "seconds": round(seconds, 1),
-        "total": len(results),
-        "failed": sum(not result.passed for result in results),
-        "cases": [{**asdict(result), "milliseconds": round(result.milliseconds, 1)} for result in results],
-    }
-    path = folder / FILE
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StorageError(f"{folder} cannot be made ({error}); give another --out") from error
-    with whole(path, "give another --out") as part:
-        part.write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return path
+    return write_study(folder / FILE, StressRecord.of(results, seconds, about))
+
+
+def read_record(folder: Path) -> StressRecord:
+    """What `write_record` wrote. Raises `InputError` where there is none, or none that this version reads."""
+    return read_study(StressRecord, folder / FILE, "stress")
 
 
 def render(results: Sequence[Result], seconds: float) -> RenderableType:
@@ -78,10 +83,10 @@ def render(results: Sequence[Result], seconds: float) -> RenderableType:
         failed = Text(str(line.failed), style="bold red" if line.failed else "")
         grid.add_row(line.family, str(line.cases), failed, worst, f"{line.seconds:.1f}")
     failures = [result for result in results if not result.passed]
-    told = [text for result in failures for text in _failure(result)]
+    lines = [text for result in failures for text in _failure(result)]
     verdict = f"{len(failures)} of {len(results)} cases came out unexpected" if failures else "every case as expected"
     style = "bold red" if failures else "bold green"
-    return Group(grid, *told, Text(f"{verdict} ({len(results)} cases, {seconds:.0f} s)", style=style))
+    return Group(grid, *lines, Text(f"{verdict} ({len(results)} cases, {seconds:.0f} s)", style=style))
 
 
 def _failure(result: Result) -> tuple[Any, ...]:

@@ -10,7 +10,6 @@ from pathlib import Path
 from ...bench.progress import steps
 from ...bench.provenance import provenance
 from ...registry import METHODS
-from ...results.schema import plain
 from .case import Case, Result
 from .record import write_record
 from .runner import run_cases
@@ -48,7 +47,7 @@ def stress(
     Raises `InputError` as `chosen_cases` does, and `StorageError` if the file cannot be written.
     """
     cases = chosen_cases(methods, only)
-    about = plain(provenance(list(command)))
+    about = provenance(list(command))
     start = time.monotonic()
     results: list[Result] = []
     with steps() as told:

@@ -13,7 +13,9 @@ from torch import Tensor
 
 from ...bench import given
 from ...bench.drawing import light_refusal
+from ...bench.lending import Lender, answered
 from ...bench.protocol import resolve
+from ...bench.reader import CaptureReader
 from ...bench.run import find_protocol
 from ...data.capture import Capture
 from ...errors import InputError, Unsupported
@@ -25,10 +27,10 @@ from ...scene import Query
 
 @dataclass(frozen=True)
 class Trained:
-    """A method trained once, an avatar, and a query to ask it."""
+    """A method trained once on copies of the capture's arrays, as in a run; an avatar, and a query to ask it."""
 
     method: Method
-    capture: Capture
+    reader: CaptureReader
     prior: Prior
     enrolment: Recording
     avatar: Avatar
@@ -37,7 +39,7 @@ class Trained:
     def draw(self, query: Query, avatar: Avatar | None = None) -> Any:
         if refusal := light_refusal(self.method.info, query.light):
             raise Unsupported(refusal)
-        return (avatar or self.avatar).relight(query)
+        return answered((avatar or self.avatar).relight(query))
 
 
 @cache
@@ -72,12 +74,13 @@ def _tried(name: str) -> Trained | BaseException:
 
 def _train(name: str) -> Trained:
     method, capture = smallest(name), _capture()
-    selected = resolve(find_protocol("smoke"), capture.frames())
-    prior = method.train(given.training(selected, capture.observe), seed=0)
+    reader = CaptureReader(capture)
+    selected = Lender().lend(resolve(find_protocol("smoke"), capture.frames(), capture.offers), name)
+    prior = method.train(given.training(selected, reader), seed=0)
     frame = next(f for frames in selected.scored.values() for f in frames if f.kind == "olat")
-    enrolment = given.enrolment(selected, method.info, frame.subject, capture.observe)
+    enrolment = given.enrolment(selected, method.info, frame.subject, reader)
     query = given.asked(selected, method.info, frame)
-    return Trained(method, capture, prior, enrolment, prior.personalise(enrolment, seed=0), query)
+    return Trained(method, reader, prior, enrolment, prior.personalise(enrolment, seed=0), query)
 
 
 def _saved(name: str, folder: Path) -> Trained:
