@@ -236,7 +236,7 @@ def _nailed(look: SkinLook, nail: Nails, albedo: Array, path: Array) -> tuple[Ar
     blood = look.haemoglobin * (1.0 + 0.5 * nail.band - 0.45 * nail.lunula) * (1 - nail.free) + 0.12
     full = tone(look.melanin)
     clear = 1.1 - 0.35 * nail.lunula - 0.25 * nail.free
-    density = clear[:, None] * BASE + ((0.05 + 0.3 * full * (1 - 0.7 * nail.free))[:, None]) * MELANIN
+    density = clear[:, None] * BASE + ((0.05 + 0.45 * full * (1 - 0.7 * nail.free))[:, None]) * MELANIN
     plate, painted = nail.plate[:, None], nail.painted[:, None]
     bed = np.exp(-density - blood[:, None] * HAEMOGLOBIN - 0.03 * nail.ridges[:, None])
     skin = albedo * np.exp(-nail.fold[:, None] * (0.35 * HAEMOGLOBIN + 0.16) - nail.rim[:, None] * (0.2 * HAEMOGLOBIN))
