@@ -1,10 +1,15 @@
 #!/usr/bin/env bash
-# Make the light stage `mini` anew and put it into the package. Run after a change of its recipe or generator.
+# Make the smallest size of every open capture anew and put it into the package. Run after a change of their recipes or of
+# the generator, and after maintainer/thumbnails.py, whose pictures they are compared with.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-.venv/bin/handbench data make openstage --size mini --folder "$work"
-rm -rf handbench/data/openstage/mini
-cp -r "$work"/openstage-mini-* handbench/data/openstage/mini
-du -sh handbench/data/openstage/mini
+for capture in openstage openscans openwild openphone; do
+  .venv/bin/handbench data make "$capture" --size mini --folder "$work"
+  place=handbench/data/openstage/mini
+  [ "$capture" = openstage ] || place=$place-$capture
+  rm -rf "$place"
+  cp -r "$work/$capture"-mini-* "$place"
+  du -sh "$place"
+done

@@ -75,6 +75,8 @@ def _data_check(arguments: argparse.Namespace) -> int:
         found = list(troubles(capture, told("frames")))
     for trouble in found:
         say(trouble)
+    for remark in capture.remarks:
+        say(f"{capture.name}: {remark}")
     count = len(capture.frames())
     say(f"{capture.name}: {count} frames, " + (f"{len(found)} troubles" if found else "all sound"))
     return 2 if found else 0

@@ -43,6 +43,11 @@ class Capture(ABC):
         """What its frames have. A capture whose pictures have depth, normal or UV maps adds them."""
         return offered(self.frames())
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is to be known of this copy of it, in sentences."""
+        return ()
+
     @abstractmethod
     def observe(self, frame: Frame) -> Observation:
         """The images of a frame. Raises `InputError` if a file is missing, damaged or of the wrong size."""

@@ -228,6 +228,15 @@ def test_tampering_breaks_its_check(copy: Path, tamper: Callable[[Path], None], 
     assert holds is False and re.search(words, detail), detail
 
 
+def test_a_person_of_another_capture_is_no_stranger(sound: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from handbench.data.openstage.population import PEOPLE
+
+    assert CHECKS["strangers"](gather(sound, table, None, None))[0] is True
+    monkeypatch.setitem(PEOPLE, "openscans", range(1, 3))
+    holds, detail = CHECKS["strangers"](gather(sound, table, None, None))
+    assert holds is False and detail == "s02 is s02 of openscans, which methods may train on"
+
+
 @pytest.mark.parametrize(
     ("tamper", "words"),
     [

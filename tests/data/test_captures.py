@@ -46,6 +46,7 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[Captu
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "PathTracer", Quick)
+        patch.setattr(module, "difference", lambda production, folder: None)
         yield open_
 
 

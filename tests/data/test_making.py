@@ -13,13 +13,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from quicktracer import Quick
 
 from handbench.bench import making
 from handbench.claims import claim
 from handbench.cli import main
-from handbench.data.openstage import PRESETS, capture_folder
+from handbench.data.openstage import PRESETS, capture_folder, thumbnails
 from handbench.data.openstage import make as module
 from handbench.data.openstage.capture import OpenCapture
 from handbench.data.openstage.make import make
@@ -64,6 +65,7 @@ sys.path[:0] = [sys.argv[1], sys.argv[2]]
 from quicktracer import Quick
 from test_making import PLAN
 from handbench.data.openstage import make as module
+from handbench.data.openstage import thumbnails
 module.PathTracer = Quick
 module.make(PLAN, Path(sys.argv[3]))
 """
@@ -200,6 +202,22 @@ def test_a_part_is_made_by_a_task_of_a_cluster(whole: Path, tmp_path: Path, monk
     capture_folder("mini", tmp_path).mkdir()
     assert [len(making._task(*part)) for part in parts] == [2, 1, 0]
     assert content(capture_folder("mini", tmp_path)) == content(whole)
+
+
+def test_a_making_is_compared_with_that_of_the_package(whole: Path, tmp_path: Path) -> None:
+    kept = {
+        f"{TINY.recipe}/{name}": thumbnails.thumbnail(whole / name).astype(np.float16)
+        for _, name in thumbnails.chosen(PLAN)
+    }
+    assert len(kept) == 4
+    off = thumbnails.difference(PLAN, whole, kept)
+    assert off is not None and off.views == 4 and off.largest < 5e-4, "half floats"
+    assert thumbnails.difference(PLAN, whole, {}) is None
+    dimmer = {name: 0.98 * image for name, image in kept.items()}
+    with pytest.raises(InputError, match=r"exr differs by 2\.\d\d% from the picture of the package, .* 1%"):
+        thumbnails.difference(PLAN, whole, dimmer)
+    told = OpenCapture(whole).remarks
+    assert told == ("the package has no pictures of this size to compare its own with",)
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,15 @@ class OpenCapture(Capture):
         parts |= {"keypoints": bool(self._keypoints), "scan": self._manifest["meshes"] == "scan"}
         return super().offers | {part for part, there in parts.items() if there}
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        if "difference" not in self._manifest:
+            return ()
+        off = self._manifest["difference"]
+        if off is None:
+            return ("the package has no pictures of this size to compare its own with",)
+        return (f"{off['views']} of its pictures differ by at most {off['largest']:.3%} from those of the package",)
+
     def observe(self, frame: Frame) -> Observation:
         camera = frame.camera
         size, folder = (camera.height, camera.width), f"{frame.subject}/{frame.pose_name}/{camera.name}"

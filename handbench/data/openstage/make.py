@@ -11,6 +11,7 @@ import shutil
 import time
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from .inventory import content, files, measured, pose_files, recorded, shared_fi
 from .manifest import FILE, Manifest, read_manifest
 from .performance import Maker
 from .production import Performance, Production
+from .thumbnails import difference
 from .trace.pathtrace import PathTracer
 
 BEGUN = "begun.json"  # which recipe a folder was begun with
@@ -44,7 +46,7 @@ def make(
     `mine` are the keys of the performances to make, None for all. What another process is at work on is left to it,
     and waited for. Returns the keys of performances of others that are not there yet; without any the capture is
     finished. Raises `StorageError` when the folder cannot be written or the disk is full, what is there stays;
-    `InputError` if the folder was begun with another recipe.
+    `InputError` if the folder was begun with another recipe, and if pictures are too far from the package's.
     """
     with writing(folder, "free some space or choose another folder"):
         folder.mkdir(parents=True, exist_ok=True)
@@ -58,7 +60,7 @@ def make(
         _work(Maker(production, folder, PathTracer()), chosen, _files_of(folder, manifest), progress)
         left = tuple(key for key, paths in _files_of(folder, manifest).items() if not _all_there(paths))
         if not left:
-            _finish(folder, manifest, lost)
+            _finish(production, folder, manifest, lost)
         return left
 
 
@@ -142,8 +144,9 @@ def _made(maker: Maker, performance: Performance, there: bool) -> Iterator[objec
     return iter(performance.views) if there else maker.make(performance)
 
 
-def _finish(folder: Path, manifest: Manifest, lost: Collection[str]) -> None:
+def _finish(production: Production, folder: Path, manifest: Manifest, lost: Collection[str]) -> None:
     """Write the sums and capture.json. Of files that were there before, the sums that vouch for them stay."""
+    off = difference(production, folder)
     before: dict[str, str] = {}
     with suppress(InputError, OSError):
         before = recorded(folder, read_manifest(folder / FILE))
@@ -152,7 +155,8 @@ def _finish(folder: Path, manifest: Manifest, lost: Collection[str]) -> None:
     sums = {name: fresh.get(name) or before[name] for name in names}
     write_sums(folder, sums)
     with whole(folder / FILE) as part:
-        part.write_text(json.dumps({**manifest, "content": content(sums)}, indent=1))
+        told = {"difference": None if off is None else asdict(off), "content": content(sums)}
+        part.write_text(json.dumps(manifest | told, indent=1))
 
 
 def _check_space(production: Production, folder: Path) -> None:

@@ -3,7 +3,7 @@
 evidence.py      the run, and the protocol and capture that it names
 records.py       coverage, keys, signatures, provenance: what the files say
 calibration.py   the oracle above and the mean predictor below
-separation.py    what training saw and what is scored
+separation.py    what training saw and what is scored; strangers.py: people of other captures
 pixels.py        pictures drawn again, scores computed again
 order.py         nothing depends on the order of images or of shards
 injection.py     NaN put in at every stage must show
@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ...bench.check import Verdict
 from ...bench.failure import failure
-from . import calibration, injection, order, pixels, records, separation
+from . import calibration, injection, order, pixels, records, separation, strangers
 from .evidence import Check, Evidence, Tables, gather
 
 __all__ = ["Verdict", "audit"]
@@ -29,6 +29,7 @@ CHECKS: dict[str, Check] = {
     "oracle perfect": calibration.oracle,
     "mean is the floor": calibration.floor,
     "train and test apart": separation.apart,
+    "strangers": strangers.strangers,
     "timed are scored": pixels.timed,
     "drawn again": pixels.redrawn,
     "scored again": pixels.rescored,
