@@ -1,0 +1,116 @@
+"""A person's hand as found in the pictures of an enrolment: posed as queries ask, and what its pictures show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from handbench.errors import Unsupported
+from handbench.hand import HandModel, hand_model
+from handbench.hand.fitting import QUICK, Picture, Settings, Unfittable, fit
+from handbench.method import Progress, Recording, silent
+from handbench.recording import Need
+from handbench.render.see.posedmesh import PosedMesh
+from handbench.render.uv.atlas import Atlas
+from handbench.render.uv.unwrap import Projected, TexelSurface
+from handbench.scene import Array, Frame, Mesh, Pose, Viewpoint, needed
+
+FITTABLE: frozenset[Need] = frozenset({"image", "alpha", "camera", "keypoints"})
+"""What enrolment must give for `fitted_hand`; depth and poses are used where they are given."""
+
+LEAST_SURE = 0.5  # of a detector: key points that it is less sure of are often elsewhere
+GRAZING = 0.15  # cosine below which what a picture shows of the surface is mostly its neighbourhood
+_ENOUGH = 0.5  # of the pictures that must show the hand
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """A frame in which the hand was found, and its pose there."""
+
+    frame: Frame
+    pose: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What a frame shows of the texture, and the surface that it shows it of, both at the texels of an atlas."""
+
+    frame: Frame
+    surface: TexelSurface
+    seen: Projected
+
+
+@dataclass(frozen=True, eq=False)
+class FittedHand:
+    """One person's hand: shape (S,) of a hand model, and the frames in which it was found.
+
+    Its meshes are of `level` of the model's subdivision, and share topology and UVs.
+    """
+
+    hand: HandModel
+    shape: Array
+    level: int
+    sightings: tuple[Sighting, ...]
+
+    def mesh(self, pose: Pose) -> Mesh:
+        """The person's hand in a pose. Raises `Unsupported` for the pose of another hand model."""
+        joints, expected = len(pose.joints), len(self.hand.joint_names)
+        if joints != expected:
+            raise Unsupported(f"the pose has {joints} joints, and the fitted hand ({self.hand.name}) has {expected}")
+        return self.hand.mesh(self.shape, pose, self.level)
+
+    def posed(self, viewpoint: Viewpoint) -> Mesh:
+        """The person's hand in the pose of a viewpoint. Raises `Unsupported` if that tells none."""
+        return self.mesh(needed(viewpoint.pose, "pose"))
+
+    def atlas(self, size: int) -> Atlas:
+        """The texels of the hand's textures of `size` x `size`."""
+        return Atlas.of(self.hand.topology(self.level), size)
+
+    def shown(self, enrolment: Recording, size: int) -> Iterator[Shown]:
+        """What each frame shows of a texture of `size` x `size`."""
+        atlas = self.atlas(size)
+        for sighting in self.sightings:
+            surface = TexelSurface.of(PosedMesh(self.mesh(sighting.pose)), atlas)
+            seen = enrolment.observe(sighting.frame)
+            found = surface.project(sighting.frame.camera, seen.image, needed(seen.alpha, "alpha"), GRAZING)
+            yield Shown(sighting.frame, surface, found)
+
+
+def fitted_hand(
+    enrolment: Recording,
+    settings: Settings = QUICK,
+    level: int = 1,
+    hand: HandModel | None = None,
+    progress: Progress = silent,
+) -> FittedHand:
+    """One subject's hand, fitted to the frames of its enrolment; `hand` is the model, None the one that is shipped.
+
+    Depth and estimated poses are used where they are given. Frames in which no hand was found are left out. Raises
+    `Unsupported`, with the fit's own reason, where that leaves fewer than half of them: a wrong hand is worse than
+    none.
+    """
+    model = hand_model() if hand is None else hand
+    pictures = [_picture(frame, enrolment) for frame in enrolment.frames]
+    try:
+        found = fit(model, pictures, settings, progress)
+    except Unfittable as error:
+        raise Unsupported(str(error)) from error
+    sightings = tuple(
+        Sighting(frame, fitted.pose)
+        for frame, fitted in zip(enrolment.frames, found.pictures, strict=True)
+        if fitted.converged and fitted.pose is not None
+    )
+    if len(sightings) < _ENOUGH * len(pictures):
+        fatal = [problem for problem in found.problems if problem.fatal]
+        raise Unsupported(f"{fatal[0]} (a hand was found in {len(sightings)} of {len(pictures)} pictures)")
+    return FittedHand(model, found.shape, level, sightings)
+
+
+def _picture(frame: Frame, enrolment: Recording) -> Picture:
+    seen = enrolment.observe(frame)
+    points = needed(seen.keypoints, "set of key points")
+    places = np.where(points[:, 2:] < LEAST_SURE, np.nan, points[:, :2])
+    return Picture(frame.camera, places, seen.alpha, seen.depth, frame.key, frame.pose)
