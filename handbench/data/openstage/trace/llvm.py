@@ -60,7 +60,7 @@ def choose_variant() -> str:
             os.environ["DRJIT_LIBLLVM_PATH"] = library
             return VECTORISED
     complain(
-        "path tracing with scalar_rgb, several times slower: no working LLVM library was found; "
+        "Mitsuba runs as scalar_rgb, several times slower: no working LLVM library was found; "
         "install libllvm19 (apt install libllvm19) or set DRJIT_LIBLLVM_PATH"
     )
     return SCALAR

@@ -21,9 +21,7 @@ def sensor(camera: Camera) -> dict[str, Any]:
     """A camera as a Mitsuba perspective sensor with a box filter. Needs square pixels."""
     fx, fy = float(camera.K[0, 0]), float(camera.K[1, 1])
     if abs(fx - fy) > 1e-3 * fx or abs(camera.K[0, 1]) > 1e-6:
-        raise InputError(
-            f"camera {camera.name!r}: scalar_rgb needs square pixels without skew, K is {camera.K.tolist()}"
-        )
+        raise InputError(f"camera {camera.name!r}: Mitsuba needs square pixels without skew, K is {camera.K.tolist()}")
     pose = np.eye(4)
     pose[:3, :3] = camera.rotation.T @ np.diag([-1.0, -1.0, 1.0])  # Mitsuba looks along +z with +x left and +y up
     pose[:3, 3] = camera.centre

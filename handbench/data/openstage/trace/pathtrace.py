@@ -16,12 +16,11 @@ from ....errors import InputError
 from ....render.see.raster import Raster, rasterise
 from ....scene import Array, Camera, Environment, Known, Light, known_leaves, leaves
 from .bake import Lit, Posed, lit
-from .llvm import choose_variant
 from .skies import Sky, sky
 from .surface import TracedSurface, displace
 from .view import View, picture
 
-__all__ = ["GBuffer", "PathTracer", "TracedSurface", "choose_variant", "displace"]
+__all__ = ["GBuffer", "PathTracer", "TracedSurface", "displace"]
 
 GRID = 4
 """Places in a pixel: a regular GRID x GRID, so that coverage is the same in images and geometry."""
@@ -45,7 +44,7 @@ class GBuffer:
 class PathTracer:
     """Renders surfaces; keeps the light on the last surface, so cameras of one pose share it."""
 
-    def __init__(self, variant: str = "") -> None:
+    def __init__(self) -> None:
         self._posed: Posed | None = None
         self._lit: Lit | None = None
         self._key: tuple[object, ...] = ()
