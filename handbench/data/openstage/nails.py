@@ -47,8 +47,7 @@ class Nails:
 def nails(at: Places, look: NailLook, noise: Noise) -> Nails:
     """The nails of all fingers."""
     root, across = at.nail_along, at.nail_across
-    power = 2.3 + 2.0 * look.shape
-    power = np.where(root > 0, power, 2.6)  # the root is round on everybody
+    power = np.where(root > 0, 2.3 + 2.0 * look.shape, 2.6)  # the root is round on everybody
     edge = (np.abs(root) ** power + np.abs(across) ** power) ** (1 / power)
     near = (at.facing < 0.25) & (edge > 0) & (root > -2.0) & (at.finger >= 0)
     edge = np.where(near, edge, np.float32(9)).astype(np.float32)

@@ -93,11 +93,27 @@ def places(hand: OpenHand, size: int) -> Places:
         along[mine] = length
         across[mine] = ((position[mine] - points[which]) * frames[:, :, 0]).sum(axis=1)
         _nail_coordinates(mine, nail, along, across, nail_along, nail_across)
-    hand_mask = smoothstep(-0.02, 0.0, position[:, 1])
-    fields = (position, normal, finger, along, across, facing, hand_mask)
-    nails = (nail, nail_along, nail_across)
-    single = [field.astype(np.int8 if field is finger else np.float32) for field in (*fields, knuckles, chain, *nails)]
-    return Places(atlas, *single, _texel(atlas, position))
+    below = smoothstep(-0.02, 0.0, position[:, 1])
+    return Places(
+        atlas=atlas,
+        position=_single(position),
+        normal=_single(normal),
+        finger=finger.astype(np.int8),
+        along=_single(along),
+        across=_single(across),
+        facing=_single(facing),
+        hand=_single(below),
+        knuckles=_single(knuckles),
+        joints=_single(chain),
+        nail=_single(nail),
+        nail_along=_single(nail_along),
+        nail_across=_single(nail_across),
+        texel=_texel(atlas, position),
+    )
+
+
+def _single(field: Array) -> Array:
+    return field.astype(np.float32)
 
 
 def _texel(atlas: Atlas, position: Array) -> float:

@@ -21,6 +21,7 @@ from .hair import hair
 from .nails import NailLook, Nails, nails
 from .noise import Bands, Noise
 from .places import Places, places, smoothstep
+from .regions import near_joints, pads, warm_fingers, webs
 from .relief import furrows, pores, ridges
 from .tattoo import Tattoo, inked
 from .translucency import NAIL_PATH, mean_free_path
@@ -148,7 +149,7 @@ def _relief(at: Places, look: SkinLook, draws: _Draws, bands: Bands) -> _Relief:
         furrows(at, bands, palm),
         pores(at, draws.noise("pores"), palm),
         marks.scars(at, draws.rng("scars"), look.scars) if look.scars else bare,
-        _joints(at, draws.rng("joints")),
+        near_joints(at, draws.rng("joints")),
         hair(at, look.hair, draws.rng("hair")) if look.hair else bare,
         nails(at, look.nails, draws.noise("nails")),
     )
@@ -222,9 +223,9 @@ def _blood(at: Places, look: SkinLook, draws: _Draws, bands: Bands, seen: _Relie
     slow, broad, fine = bands.mm26[1] + 0.5 * bands.mm11[2], bands.mm6[2], 0.8 * bands.mm3[1] + 0.5 * bands.mm1[1]
     uneven = look.mottling * (0.36 * slow + 0.24 * broad + (0.14 + 0.10 * seen.palm) * fine)
     uneven += 0.04 * bands.fine[1]
-    share = 0.72 + 0.5 * seen.joints * back + seen.palm * (0.32 + 0.4 * _pads(at)) - 0.2 * _webs(at)
+    share = 0.72 + 0.5 * seen.joints * back + seen.palm * (0.32 + 0.4 * pads(at)) - 0.2 * webs(at)
     share = (
-        share * (1 + uneven + look.mottling * _fingers(at, draws.rng("fingers")))
+        share * (1 + uneven + look.mottling * warm_fingers(at, draws.rng("fingers")))
         + look.creases * (0.4 * seen.lines + 0.4 * seen.folds)
         + 0.35 * seen.scars
     )
@@ -274,42 +275,3 @@ def _roughness(at: Places, look: SkinLook, bands: Bands, seen: _Relief) -> Array
     gloss = 0.30 + 0.02 * nail.ridges + 0.08 * nail.free
     gloss += nail.painted * (0.12 - gloss)
     return np.clip(rough + nail.plate * (gloss - rough), 0.08, 1.0)
-
-
-def _joints(at: Places, rng: np.random.Generator) -> Array:
-    """1 on the back of every finger joint, fading over a centimetre; each joint darker or paler than others."""
-    near = np.zeros(len(at.along), np.float32)
-    for joints in at.joints:
-        for joint, reach, weight in zip(joints[:3], (10e-3, 7e-3, 5e-3), (0.7, 1.0, 0.7), strict=True):
-            reach, weight = reach * rng.uniform(0.8, 1.2), weight * rng.uniform(0.1, 1.3)
-            on = np.flatnonzero(np.abs(at.position[:, 1] - joint[1]) < 2.5 * reach)
-            away = ((at.position[on] - joint) ** 2) @ np.array([0.55, 1.0, 0.2], np.float32)
-            near[on] = np.maximum(near[on], weight * np.exp(-away / np.float32(reach**2)))
-    return near
-
-
-def _fingers(at: Places, rng: np.random.Generator) -> Array:
-    """How much more blood each finger has than its neighbours, rising to its tip."""
-    warm = np.append(rng.normal(0, 0.35, len(at.knuckles)), 0)[at.finger].astype(np.float32)  # -1 is no finger
-    knuckles = at.knuckles[at.finger]
-    return warm * np.clip((at.along - 0.6 * knuckles[:, 1]) / (knuckles[:, 3] - 0.6 * knuckles[:, 1]), 0, 1)
-
-
-def _pads(at: Places) -> Array:
-    """1 on the finger tips, thenar and hypothenar: where palms are reddest."""
-    tips = np.zeros(len(at.along), np.float32)
-    for f, knuckles in enumerate(at.knuckles):
-        on = at.finger == f
-        tips[on] = smoothstep(knuckles[2] + 2e-3, knuckles[3] - 4e-3, at.along[on])
-    x, y = at.position[:, 0], at.position[:, 1]
-    thenar = np.exp(-(((x - 0.024) / 0.014) ** 2 + ((y - 0.042) / 0.02) ** 2))
-    hypothenar = np.exp(-(((x + 0.027) / 0.011) ** 2 + ((y - 0.035) / 0.022) ** 2))
-    heads = np.exp(-(((y - 0.083) / 0.009) ** 2))
-    return np.maximum.reduce([tips, 0.8 * thenar, 0.8 * hypothenar, 0.6 * heads])
-
-
-def _webs(at: Places) -> Array:
-    """1 on the thin skin between two fingers where they part."""
-    beside = smoothstep(0.35, 0.8, np.abs(at.normal[:, 0])) * (at.finger > 0)
-    reach = np.where(at.finger > 0, at.along / at.knuckles[np.maximum(at.finger, 0), 1], 0)
-    return beside * np.exp(-(((reach - 0.45) / 0.2) ** 2))
