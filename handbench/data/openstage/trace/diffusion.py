@@ -133,7 +133,7 @@ def diffusion(points: Points, free_path: Array, albedo: Array, rays: RayScene) -
 def _step(finest: float, scale: float) -> float:
     """How far apart the points of a lobe are: about 0.9 of its scale, in powers of sqrt(2) mm; 0 for all vertices."""
     step = max(1e-3 * 2.0 ** (0.5 * round(2 * np.log2(0.9e3 * scale))), finest)
-    return step if step < 1.3 * scale else 0.0
+    return step if step < 1.5 * scale else 0.0
 
 
 def _unblurred(scale: Array, spacing: float) -> Array:
