@@ -20,7 +20,7 @@ from handbench.data.openstage.cast import person
 from handbench.data.openstage.performance import traced
 from handbench.data.openstage.skin import Skin, make_skin
 from handbench.data.openstage.stage import environment
-from handbench.data.openstage.trace.pathtrace import PathTracer, TracedSurface, choose_variant
+from handbench.data.openstage.trace.pathtrace import PathTracer, TracedSurface
 from handbench.hand.openhand import OpenHand, named_pose
 from handbench.scene import Array, Camera, Directional, Environment, Light, Pose
 from handbench.scene.colour import eight_bit
@@ -65,9 +65,10 @@ def main() -> None:
     arguments.folder.mkdir(parents=True, exist_ok=True)
     places = [arguments.folder / f"{tile.name}.png" for tile in TILES]
     surfaces: dict[tuple[int, str], TracedSurface] = {}
-    for tile, place in zip(TILES, places, strict=True):
+    tracer = PathTracer()
+    for tile, place in sorted(zip(TILES, places, strict=True), key=lambda one: (one[0].subject, one[0].pose)):
         if not place.exists() and (not arguments.tiles or tile.name in arguments.tiles):
-            Image.fromarray(eight_bit(_picture(tile, arguments.height, surfaces))).save(place)
+            Image.fromarray(eight_bit(_picture(tile, arguments.height, surfaces, tracer))).save(place)
             print(place, flush=True)
     if all(place.exists() for place in places):
         rows = [np.hstack([np.asarray(Image.open(place)) for place in part]) for part in (places[:3], places[3:])]
@@ -81,7 +82,7 @@ def _skin(subject: int) -> Skin:
     return make_skin(hand, someone.identity, someone.look, TEXELS)
 
 
-def _picture(tile: Tile, height: int, surfaces: dict[tuple[int, str], TracedSurface]) -> Array:
+def _picture(tile: Tile, height: int, surfaces: dict[tuple[int, str], TracedSurface], tracer: PathTracer) -> Array:
     """Linear pixels (height, 3/4 height, 3) before what lies far behind, out of focus."""
     hand = OpenHand.load()
     if (tile.subject, tile.pose) not in surfaces:
@@ -89,7 +90,6 @@ def _picture(tile: Tile, height: int, surfaces: dict[tuple[int, str], TracedSurf
         mesh = hand.mesh(person(tile.subject, hand).identity, pose, LEVEL)
         surfaces[tile.subject, tile.pose] = traced(mesh, _skin(tile.subject))
     surface, camera, lights = surfaces[tile.subject, tile.pose], _camera(tile, height), _lights(tile.light)
-    tracer = PathTracer(choose_variant())
     image = tracer.render(surface, camera, lights, spp=SPP, seed=0).sum(axis=0)
     alpha = tracer.gbuffer(surface, camera, spp=16).alpha[..., None]
     return _exposed(image + (1 - alpha) * _background(lights[-1], camera))
