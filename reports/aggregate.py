@@ -22,7 +22,7 @@ from handbench.results.statistics import (
 from handbench.results.values import Values
 from handbench.scene import Array
 
-from .model import Cell, Column
+from .model import Aggregate, Column
 
 _COUNT = re.compile(r"(?<![\w.])\d{1,9}(?![\w.])")  # "3" in "3 values", nothing in "s01" and "0.5"
 _NOTHING = re.compile(r"(?!)")
@@ -68,7 +68,7 @@ class _Scored:
 
 def column_cells(
     rows: Sequence[Values], columns: Sequence[Column], competing: Sequence[bool], notes: Footnotes
-) -> list[list[Cell]]:
+) -> list[list[Aggregate]]:
     """The cells of each row in the columns of one group, ranked among the `competing` rows."""
     metrics, _, frames = rows[0].values.shape
     flat = [row.values.reshape(-1, frames) for row in rows]
@@ -92,7 +92,7 @@ def column_cells(
     return cells
 
 
-def _cell(scored: _Scored, metric: int, notes: Footnotes) -> Cell:
+def _cell(scored: _Scored, metric: int, notes: Footnotes) -> Aggregate:
     values, subjects = scored.values.values[metric], scored.values.subjects
     reasons = scored.values.reasons[metric]
     told = tuple(sorted({notes.number(reason) for reason in reasons}))
@@ -101,7 +101,7 @@ def _cell(scored: _Scored, metric: int, notes: Footnotes) -> Cell:
     covered = int(present.sum())
     bounds = interval(scored.draws[metric], subjects[present.any(axis=0)]) if covered else None
     low, high = bounds or (None, None)
-    return Cell(
+    return Aggregate(
         aggregate(values, subjects),
         low,
         high,
@@ -136,8 +136,12 @@ def _ranks(values: dict[int, float], draws: Sequence[Array], subjects: Array, co
 
 
 def with_differences(
-    cells: list[list[Cell]], rows: Sequence[Values], baseline: int, columns: Sequence[Column], family: Sequence[bool]
-) -> list[list[Cell]]:
+    cells: list[list[Aggregate]],
+    rows: Sequence[Values],
+    baseline: int,
+    columns: Sequence[Column],
+    family: Sequence[bool],
+) -> list[list[Aggregate]]:
     """The cells with their paired differences to the row `baseline`, p-values corrected over the `family`."""
     found = [list(row) for row in cells]
     others = [position for position in range(len(rows)) if position != baseline]

@@ -10,7 +10,7 @@ from typing import Any
 from handbench.results.statistics import differences
 from handbench.results.values import Values
 
-from .model import UNEQUAL, Agreement, Column, Pair, Row, number
+from .model import UNEQUAL, Agreement, Column, MethodPair, Row, number
 
 LEAST = 3  # methods whose order is compared: two agree or not by chance
 
@@ -62,7 +62,7 @@ def headline(agreement: Agreement) -> str:
     return f"{column.group.title}, {column.metric.title}: {over}"
 
 
-def sentence(pair: Pair, column: Column) -> str:
+def sentence(pair: MethodPair, column: Column) -> str:
     """What was published of two methods, what was measured, and whether that can be told from no difference."""
     metric = column.metric
     digits = metric.decimals
@@ -93,7 +93,7 @@ def as_json(agreement: Agreement) -> dict[str, Any]:
     }
 
 
-def _pairs(column: Column, metric: int, both: list[tuple[Row, Values]], told: list[float]) -> Iterator[Pair]:
+def _pairs(column: Column, metric: int, both: list[tuple[Row, Values]], told: list[float]) -> Iterator[MethodPair]:
     """All pairs, the one that is published as better first."""
     better = 1.0 if column.metric.higher_is_better else -1.0
     order = [(i, j) if better * (told[i] - told[j]) >= 0 else (j, i) for i, j in combinations(range(len(both)), 2)]
@@ -107,4 +107,4 @@ def _pairs(column: Column, metric: int, both: list[tuple[Row, Values]], told: li
             first, second = both[i][0], both[j][0]
             unequal = first.enrolment != second.enrolment
             found = (apart.value, apart.low, apart.high, apart.spread)
-            yield Pair(first.title, second.title, published, *found, unequal)
+            yield MethodPair(first.title, second.title, published, *found, unequal)

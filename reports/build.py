@@ -16,7 +16,7 @@ from handbench.scene import FrameKind
 
 from .aggregate import Footnotes, column_cells, with_differences
 from .agreement import agreements
-from .model import Cell, Column, Group, Kind, Metric, Row, Span, Table, Times
+from .model import Aggregate, Column, Group, Kind, Metric, Row, Span, Table, Times
 
 
 def table(*run_folders: Path, baseline: str | None = None) -> Table:
@@ -44,7 +44,7 @@ def build(*runs: Run, baseline: str | None = None) -> Table:
     notes = Footnotes()
     kinds: list[Kind] = [source.method.role for source in sources]
     measured = [kind == "method" for kind in kinds]
-    cells: list[list[Cell]] = [[] for _ in sources]
+    cells: list[list[Aggregate]] = [[] for _ in sources]
     for start, group in enumerate(groups):
         values = [source.values[group.name] for source in sources]
         of_group = columns[start * len(metrics) : (start + 1) * len(metrics)]
@@ -118,7 +118,7 @@ def _published(told: PublishedRecord, columns: tuple[Column, ...], metrics: int)
     cells = []
     for index, column in enumerate(columns):
         values = told.values.get(column.group.name, (None,) * metrics)
-        cells.append(Cell(values[index % metrics], None, None, 0, 0))
+        cells.append(Aggregate(values[index % metrics], None, None, 0, 0))
     return Row(
         name=told.method,
         title=told.title,
@@ -177,11 +177,19 @@ def _limits(rows: Sequence[Row], baseline: str) -> Iterator[str]:
         )
 
 
-def _row(source: _Source, kind: Kind, cells: tuple[Cell, ...]) -> Row:
+def _row(source: _Source, kind: Kind, cells: tuple[Aggregate, ...]) -> Row:
     bends = [cell.laws.linearity for cell in source.cells if cell.laws.linearity is not None]
     times = _times(source.cells)
-    told = {"nonlinearity": max(bends, default=None), "enrolment": source.method.enrolment}
-    return Row(source.name, source.title, kind, source.method.fidelity, cells, times, **told)
+    return Row(
+        source.name,
+        source.title,
+        kind,
+        source.method.fidelity,
+        cells,
+        times,
+        nonlinearity=max(bends, default=None),
+        enrolment=source.method.enrolment,
+    )
 
 
 def _marked(rows: tuple[Row, ...], baseline: int | None) -> tuple[Row, ...]:
@@ -189,7 +197,7 @@ def _marked(rows: tuple[Row, ...], baseline: int | None) -> tuple[Row, ...]:
     mixed = len({row.enrolment for row in rows if row.kind == "method"}) > 1
     other = None if baseline is None else rows[baseline].enrolment
 
-    def marked(row: Row, cell: Cell) -> Cell:
+    def marked(row: Row, cell: Aggregate) -> Aggregate:
         across = cell.difference is not None and row.enrolment != other
         return replace(cell, unequal=mixed and cell.rank > 0, across=across)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import groupby
 
-from .model import UNEQUAL, UNEQUAL_NOTE, Cell, Column, Row, Table, bounds, chance, letter, marks, number, signed
+from .model import UNEQUAL, UNEQUAL_NOTE, Aggregate, Column, Row, Table, bounds, chance, letter, marks, number, signed
 from .safe import latex, latex_header, one_line
 
 WIDTH = 9  # value columns that fit the text width of a plain article at \footnotesize
@@ -48,7 +48,7 @@ def _float(caption: str, blocks: Iterable[str], notes: Sequence[str]) -> Iterato
     yield r"\end{table}"
 
 
-def _tabulars(table: Table, rows: Sequence[Row], width: int, text: Callable[[Cell, Column], str]) -> Iterator[str]:
+def _tabulars(table: Table, rows: Sequence[Row], width: int, text: Callable[[Aggregate, Column], str]) -> Iterator[str]:
     """One tabular for each batch of columns that fit the width."""
     for indices in _folded(table, width):
         spans = [(group, len(list(members))) for group, members in groupby(table.columns[i].group for i in indices)]
@@ -96,7 +96,7 @@ def _head(column: Column) -> str:
     return f"\\shortstack[r]{{{head}\\\\({rest}}}" if bracket else head
 
 
-def _row(row: Row, table: Table, indices: list[int], text: Callable[[Cell, Column], str]) -> str:
+def _row(row: Row, table: Table, indices: list[int], text: Callable[[Aggregate, Column], str]) -> str:
     title = latex(row.title + (row.suffix if row.kind == "published" else ""))
     if row.enrolment:
         title += f"\\,{{\\tiny {latex(row.enrolment)}}}"
@@ -104,7 +104,7 @@ def _row(row: Row, table: Table, indices: list[int], text: Callable[[Cell, Colum
     return f"    {title} & {' & '.join(cells)} \\\\"
 
 
-def _cell(cell: Cell, column: Column) -> str:
+def _cell(cell: Aggregate, column: Column) -> str:
     value = latex(number(cell.value, column.metric.decimals))
     value = {0: value, 1: f"\\textbf{{{value}}}", 2: f"\\underline{{{value}}}"}[cell.rank] + latex(
         UNEQUAL
@@ -113,7 +113,7 @@ def _cell(cell: Cell, column: Column) -> str:
     return value + gap + (f"\\textsuperscript{{{marks(cell)}}}" if cell.notes else "")
 
 
-def _difference(cell: Cell, column: Column) -> str:
+def _difference(cell: Aggregate, column: Column) -> str:
     """The difference, its interval and its p-value, one over the other."""
     apart, decimals = cell.difference, column.metric.decimals
     if apart is None:

@@ -59,7 +59,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Cell:
+class Aggregate:
     """One aggregate: `covered` of `expected` values are finite, and `value` is made of those alone.
 
     A published value has neither count, interval nor rank.
@@ -127,7 +127,7 @@ class Row:
     title: str
     kind: Kind
     fidelity: str
-    cells: tuple[Cell, ...]
+    cells: tuple[Aggregate, ...]
     times: Times
     marker: str = ""
     nonlinearity: float | None = None
@@ -142,7 +142,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Pair:
+class MethodPair:
     """Two methods whose order a paper published, named in that order, and their order here.
 
     Differences are how far `first` is ahead of `second`, whichever way the metric is better; low and high are the
@@ -178,10 +178,10 @@ class Agreement:
     column: Column
     methods: tuple[str, ...]
     tau: float | None
-    pairs: tuple[Pair, ...]
+    pairs: tuple[MethodPair, ...]
 
     @property
-    def inversions(self) -> tuple[Pair, ...]:
+    def inversions(self) -> tuple[MethodPair, ...]:
         return tuple(pair for pair in self.pairs if pair.inverted)
 
 
@@ -189,10 +189,10 @@ class Agreement:
 class Table:
     """Rows of methods over columns (group by group); `row.cells` are in the order of `columns`.
 
-    footnotes     why values are missing, by the numbers in `Cell.notes`
+    footnotes     why values are missing, by the numbers in `Aggregate.notes`
     remarks       what must be known of published rows, times and recorded pictures
     agreements    one for each column whose order is published
-    baseline      title of the row that `Cell.difference` is against; "" if none was asked for
+    baseline      title of the row that `Aggregate.difference` is against; "" if none was asked for
     limits        how those differences are made and what they cannot tell
     """
 
@@ -280,7 +280,7 @@ def three_digits(value: float) -> str:
     return f"{value:.{2 if value < 10 else 1 if value < 100 else 0}f}"
 
 
-def marks(cell: Cell) -> str:
+def marks(cell: Aggregate) -> str:
     """The footnote letters of a cell: "a", "a,c"."""
     return ",".join(letter(note) for note in cell.notes)
 

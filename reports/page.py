@@ -15,7 +15,7 @@ from .frames import KINDS
 from .model import (
     LIGHT_TITLES,
     UNEQUAL_NOTE,
-    Cell,
+    Aggregate,
     Column,
     Span,
     Table,
@@ -156,11 +156,11 @@ def _count(value: int) -> str:
     return str(value)
 
 
-def _cell_text(cell: Cell, column: Column) -> str:
+def _cell_text(cell: Aggregate, column: Column) -> str:
     return number(cell.value, column.metric.decimals)
 
 
-def _interval(cell: Cell, column: Column) -> str:
+def _interval(cell: Aggregate, column: Column) -> str:
     if cell.low is None or cell.high is None:
         return ""
     return f"{number(cell.low, column.metric.decimals)}–{number(cell.high, column.metric.decimals)}"

@@ -16,7 +16,7 @@ from .model import (
     COST_TITLES,
     UNEQUAL,
     UNEQUAL_NOTE,
-    Cell,
+    Aggregate,
     Column,
     Group,
     Metric,
@@ -79,7 +79,7 @@ def _differences(table: Table, group: Group) -> Iterator[RichTable]:
     yield grid
 
 
-def _difference(cell: Cell, column: Column) -> Text:
+def _difference(cell: Aggregate, column: Column) -> Text:
     text = difference_text(cell.difference, column.metric)
     return text.append(UNEQUAL) if cell.across else text
 
@@ -121,7 +121,7 @@ def _name(row: Row) -> Text:
     return Text(row.title + row.suffix)
 
 
-def _cell(cell: Cell, column: Column) -> Text:
+def _cell(cell: Aggregate, column: Column) -> Text:
     text = Text(number(cell.value, column.metric.decimals), style=STYLES[cell.rank])
     if cell.unequal:
         text.append(UNEQUAL, style="not bold not underline dim")

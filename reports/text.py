@@ -11,7 +11,7 @@ from .model import (
     COST_TITLES,
     UNEQUAL,
     UNEQUAL_NOTE,
-    Cell,
+    Aggregate,
     Column,
     Row,
     Span,
@@ -83,7 +83,7 @@ def _csv_column(column: Column) -> dict[str, object]:
     return dict(zip(CSV_METRIC, about, strict=True))
 
 
-def _csv_cell(row: Row, cell: Cell, table: Table) -> dict[str, object]:
+def _csv_cell(row: Row, cell: Aggregate, table: Table) -> dict[str, object]:
     reasons = "; ".join(table.footnotes[note - 1] for note in cell.notes)
     counts = (cell.covered, cell.expected, cell.nonfinite) if row.kind != "published" else ("", "", "")
     values = (cell.value, cell.low, cell.high, cell.spread, *counts, cell.rank or "", cell.unequal or "", reasons)
@@ -148,7 +148,7 @@ def _title(row: Row) -> str:
     return markdown(row.title + row.suffix + (f" ({row.enrolment})" if row.enrolment else ""))
 
 
-def _markdown_cell(cell: Cell, column: Column) -> str:
+def _markdown_cell(cell: Aggregate, column: Column) -> str:
     decimals = column.metric.decimals
     value = number(cell.value, decimals)
     text = {0: value, 1: f"**{value}**", 2: f"*{value}*"}[cell.rank] + UNEQUAL * cell.unequal
@@ -161,7 +161,7 @@ def _markdown_cell(cell: Cell, column: Column) -> str:
     return text + (f" <sup>{marks(cell)}</sup>" if cell.notes else "")
 
 
-def _markdown_difference(cell: Cell, column: Column) -> str:
+def _markdown_difference(cell: Aggregate, column: Column) -> str:
     apart, decimals = cell.difference, column.metric.decimals
     if apart is None:
         return "–"

@@ -70,7 +70,7 @@ def light_samples(
                 assert_never(leaf)
     found = LightSet(*_joined(distant), *_joined(near), np.concatenate([np.zeros(0, dtype=bool), *coarse]))
     if skips().dark_lights:
-        lit = _kept(found, found.irradiance.any(axis=1), found.intensities.any(axis=1))
+        lit = _kept(found, np.asarray(found.irradiance.any(axis=1)), np.asarray(found.intensities.any(axis=1)))
         note("lights", len(found), len(found) - len(lit))
         found = lit
     if skips().faint_lights > 0.0:

@@ -29,11 +29,11 @@ def released_features(
     """
     if len(lights.positions):
         raise Unsupported("the released form of URHand's shading features has no near lights")
-    centre, directions, irradiance = (
+    seen_from, directions, irradiance = (
         torch.as_tensor(values, dtype=normal.dtype, device=normal.device)
         for values in (centre, lights.directions, lights.irradiance)
     )
-    view = unit(centre[:, None] - position)
+    view = unit(seen_from[:, None] - position)
     diffuse, lobes = torch.zeros_like(normal), torch.zeros_like(normal)
     for i in range(len(directions)):
         seen = torch.ones_like(roughness) if visible is None else visible[i].to(normal.dtype)

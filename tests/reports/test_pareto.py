@@ -16,7 +16,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
 from handbench.reports import table, write_reports
-from handbench.reports.model import Cell, Column, Group, Metric, Row, Span, Table, Times
+from handbench.reports.model import Aggregate, Column, Group, Metric, Row, Span, Table, Times
 from handbench.reports.pareto import FRAME, TIMES, Plot, clock, draw, plots, seconds, told
 from handbench.reports.pareto_figures import pareto_figures
 from handbench.reports.places import SIZE, width
@@ -38,7 +38,7 @@ TITLES = (
 
 def _row(title: str, milliseconds: float | None, value: float | None, kind: str = "method", covered: int = 4) -> Row:
     known = {} if milliseconds is None else {"olat": Span(milliseconds, milliseconds, milliseconds)}
-    cell = Cell(value, None, None, covered, 4)
+    cell = Aggregate(value, None, None, covered, 4)
     return Row(title, title, kind, "", (cell,), Times(Span(60.0, 50.0, 70.0), Span(2.5, 1.0, 3.0), {}, known))
 
 

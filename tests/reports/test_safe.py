@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from handbench.reports.latex import render_latex
-from handbench.reports.model import Cell, Column, Group, Metric, Row, Table, Times
+from handbench.reports.model import Aggregate, Column, Group, Metric, Row, Table, Times
 from handbench.reports.safe import csv_cell, latex_header
 from handbench.reports.text import render_csv, render_markdown
 
@@ -17,7 +17,7 @@ HOSTILE = '=HYPERLINK("x")\n\n\\input{/etc/passwd} [here](http://example.org) `c
 
 def table(title: str, latex: str = METRIC.latex) -> Table:
     column = Column(Group("light", title), replace(METRIC, title=title, latex=latex))
-    row = Row("m", title, "method", "for tests", (Cell(30.0, None, None, 1, 1),), Times(None, None, {}, {}))
+    row = Row("m", title, "method", "for tests", (Aggregate(30.0, None, None, 1, 1),), Times(None, None, {}, {}))
     return Table(title, (column,), (row,), (title,), (title,))
 
 

@@ -13,7 +13,7 @@ import pytest
 from handbench.errors import InputError
 from handbench.reports import table
 from handbench.reports.aggregate import Footnotes
-from handbench.reports.model import Cell, Row, Table, letter, number, signed
+from handbench.reports.model import Aggregate, Row, Table, letter, number, signed
 
 sys.path.append(str(Path(__file__).parents[1] / "bench" / "fakes"))
 from runfakes import plain, write_run
@@ -25,7 +25,7 @@ def _row(result: Table, name: str) -> Row:
     return next(row for row in result.rows if row.name == name)
 
 
-def _cell(result: Table, method: str, column: int = 0) -> Cell:
+def _cell(result: Table, method: str, column: int = 0) -> Aggregate:
     return _row(result, method).cells[column]
 
 

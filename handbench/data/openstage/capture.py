@@ -124,8 +124,8 @@ class OpenCapture(Capture):
         frames = []
         for person, pose in self._poses.values():
             key = f"{person['name']}/{pose['name']}"
-            tracked = manifest["meshes"] == "tracked" and self._topology is not None
-            mesh = Mesh(self._files.arrays(f"{key}/tracked.npy"), self._topology) if tracked else None
+            topology = self._topology if manifest["meshes"] == "tracked" else None
+            mesh = None if topology is None else Mesh(self._files.arrays(f"{key}/tracked.npy"), topology)
             shape = person["estimated_shape"] or person["shape"]
             true, estimate = _pose(pose), pose["estimate"] and _pose(pose["estimate"])
             for shot in pose["shots"]:

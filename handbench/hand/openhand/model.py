@@ -47,7 +47,7 @@ class OpenHand(HandModel):
         self.points = template.points
         self.ends = bone_ends(template)
         self.frames = joint_frames(template)
-        self.limits = joint_limits(names)
+        self.limits: NDArray[Any] = joint_limits(names)
         self._cache: dict[Any, Any] = {}
 
     @staticmethod

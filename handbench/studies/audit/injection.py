@@ -105,7 +105,7 @@ def _run(evidence: Evidence, stage: Stage, folder: Path) -> Any:
         planned = Cell(key, key, name, "quick", frames[0].subject, 0)
         faulty = stage.name == "a metric" and name != _SOUND
         found = compute(replace(bench, metrics=_broken(bench)) if faulty else bench, planned, method, lambda _: silent)
-        about = {"key": key, "prior": key, "seed": 0, "method": method_record(planned, method)}
+        about: dict[str, Any] = {"key": key, "prior": key, "seed": 0, "method": method_record(planned, method)}
         store.write_cell(replace(template, metrics=tuple(bench.metrics), **about, **vars(found)))
         cells.append(planned)
     if stage.spoils == 0:

@@ -45,7 +45,8 @@ def timed(evidence: Evidence) -> tuple[bool | None, str]:
 
 def redrawn(evidence: Evidence) -> tuple[bool | None, str]:
     """Methods loaded from their kept trainings draw the kept pictures again, up to the rounding of half floats."""
-    trouble, left_out, worst, count = [], [], 0.0, 0
+    trouble: list[str] = []
+    left_out, worst, count = [], 0.0, 0
     for cell in evidence.cells:
         if why := _not_done_again(evidence, cell):
             left_out.append(f"{cell.method.name} ({why})")

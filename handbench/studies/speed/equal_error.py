@@ -104,7 +104,7 @@ def table(curves: Sequence[Curve], targets: Sequence[float] = TARGETS) -> tuple[
             cells = []
             for target, mine in zip(targets, ours, strict=True):
                 found = time_at(curve.points, target)
-                cell = TimeAt(target, found and found.seconds, bool(found and found.bound))
+                cell = TimeAt(target, found.seconds if found else None, bool(found and found.bound))
                 if curve is not of_pose[0]:
                     ratio = speed_up(mine, found)
                     cell = replace(cell, compared=True, speed_up=ratio.times, sign=ratio.sign, reason=ratio.reason)

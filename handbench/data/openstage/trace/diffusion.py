@@ -87,12 +87,12 @@ class Diffusion:
 def escaped(free_path: Array, radius: float) -> Array:
     """Share of light that leaves farther than a radius from where it entered, for mean free paths in metres."""
     scale = np.maximum(free_path / PROFILE, 1e-9)
-    return sum(share * np.exp(-radius / (wide * scale)) for share, wide in _LOBES)
+    return np.asarray(sum(share * np.exp(-radius / (wide * scale)) for share, wide in _LOBES))
 
 
 def diffusion(points: Points, free_path: Array, albedo: Array, rays: RayScene) -> Diffusion:
     """The matrices of points for mean free paths (V, 3) in metres and albedo (V, 3); light stays where paths are 0."""
-    scatters = (free_path > 0).any(axis=1)
+    scatters = np.asarray((free_path > 0).any(axis=1))
     kept = np.ones(free_path.shape, np.float32)
     if not scatters.any():
         return Diffusion(((), (), ()), kept, scatters)

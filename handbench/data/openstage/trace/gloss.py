@@ -146,4 +146,4 @@ def reflected(specular: float) -> Reflected:
     banded = np.stack([np.interp(fine, steep, row) for row in coarse])
     table = np.stack([np.interp(np.linspace(0, 1, _ROUGHNESSES), rough, column) for column in banded.T], axis=1)
     mean = np.trapezoid(2 * table * fine, fine, axis=1)
-    return Reflected(table.astype(np.float32), mean.astype(np.float32))
+    return Reflected(table.astype(np.float32), np.asarray(mean, np.float32))

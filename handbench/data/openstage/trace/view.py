@@ -191,8 +191,8 @@ def _sampled(view: View, which: Array, u: Array, v: Array) -> tuple[Array, Array
     first = u < WEIGHTS[0]
     alpha = np.where(first, sharper, broader)
     u = np.where(first, u / WEIGHTS[0], (u - WEIGHTS[0]) / WEIGHTS[1])
-    x_axis = to_world(frame, np.broadcast_to(np.float32([1, 0, 0]), frame.shape))
-    y_axis = to_world(frame, np.broadcast_to(np.float32([0, 1, 0]), frame.shape))
+    x_axis = to_world(frame, np.broadcast_to(np.array([1, 0, 0], np.float32), frame.shape))
+    y_axis = to_world(frame, np.broadcast_to(np.array([0, 1, 0], np.float32), frame.shape))
     local = np.stack([dot(x_axis, view.view[which]), dot(y_axis, view.view[which]), facing], axis=1)
     half = sample(alpha, local, u, v)
     out = 2 * dot(half, local)[:, None] * half - local
@@ -264,7 +264,7 @@ def _slope(bump: Array, uv: Array, raster: Raster, face: Array) -> Array:
     edges, steps = corner[:, 1:] - corner[:, :1], at[:, 1:] - at[:, :1]
     determinant = steps[:, 0, 0] * steps[:, 1, 1] - steps[:, 0, 1] * steps[:, 1, 0]
     down, right = np.gradient(np.asarray(bump, np.float64))
-    by_u, by_v = read(right, uv) * bump.shape[1], -read(down, uv) * bump.shape[0]
+    by_u, by_v = read(np.asarray(right), uv) * bump.shape[1], -read(np.asarray(down), uv) * bump.shape[0]
     rise = [steps[:, k, 0] * by_u + steps[:, k, 1] * by_v for k in range(2)]  # along the two edges
     normal = np.cross(edges[:, 0], edges[:, 1])
     squared = np.maximum((normal * normal).sum(axis=1, keepdims=True), 1e-30)
