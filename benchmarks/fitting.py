@@ -1,8 +1,14 @@
-"""Fitting the open hand to pictures of itself: errors against the truth, and time, at realistic noise."""
+"""Fitting the open hand to pictures of itself at realistic noise: `python -m benchmarks.fitting`.
+
+Errors against the truth and time, by what is given and by pose; a phone scan; how often what is wrong is told.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +16,7 @@ from scipy.ndimage import binary_closing, binary_opening, gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from handbench.hand import HandModel, hand_model
-from handbench.hand.fitting import Fit, Picture
+from handbench.hand.fitting import Fit, Picture, Unfittable, fit
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.see.raster import rasterise
 from handbench.scene import Array, Camera, Mesh, Pose
@@ -119,3 +125,168 @@ def errors(true: Sitter, found: Fit, index: int = 0) -> Errors:
     scale = float((a * b).sum() / (a * a).sum())
     moved = pose.translation - true.pose.translation
     return Errors(*(float(np.linalg.norm(off, axis=1).mean()) for off in (ours - theirs, scale * a - b, a - b - moved)))
+
+
+def scan(rng: np.random.Generator, count: int, noise: Noise = Noise()) -> list[Sitter]:
+    """A hand with nearly still fingers that turns once in front of a phone, as a person scans it."""
+    hand = hand_model()
+    shape = np.asarray(hand.sample_identity(rng), dtype=np.float64)
+    still = hand.named_pose("rest").joints
+    drift = gaussian_filter(rng.normal(size=(count, *still.shape)), (count / 12, 0, 0)) * np.sqrt(count / 3)
+    frames = []
+    for i in range(count):
+        joints = (
+            np.clip(still + np.radians(2.0) * drift[i], *np.moveaxis(hand.limits, 2, 0))
+            if hand.limits is not None
+            else still
+        )
+        angles = [10 * np.sin(4 * i / count), 20 * np.sin(7 * i / count), 360 * i / count]
+        turn = Rotation.from_euler("zxy", angles, degrees=True).as_rotvec()
+        frames.append(Sitter(hand, shape, Pose(joints, turn, rng.normal(0, 0.002, 3)), camera(), noise))
+    return frames
+
+
+# -- measurements ---------------------------------------------------------------------------------------------------
+
+GIVEN: dict[str, Callable[[Picture], Picture]] = {
+    "key points": lambda picture: replace(picture, alpha=None, depth=None),
+    "key points, mask": lambda picture: replace(picture, depth=None),
+    "key points, mask, depth": lambda picture: picture,
+}
+POSES = ("random", "open", "fist", "point", "pinch")
+
+
+def singles(count: int, poses: tuple[str, ...]) -> None:
+    """Errors and seconds of one picture, by what is given and by pose."""
+    print("\none picture: mean vertex error in mm, mean (worst) of people; seconds")
+    print(f"{'given':26}{'pose':8}{'absolute':>16}{'up to scale':>16}{'converged':>11}{'s':>7}")
+    for given, kept in GIVEN.items():
+        for name in poses:
+            found, good, took = [], 0, []
+            for seed in range(count):
+                rng = np.random.default_rng([seed, 7])
+                pose = None if name == "random" else hand_model().named_pose(name)
+                true = sitter(rng, pose=pose)
+                picture = kept(true.picture(rng, depth=True))
+                start = time.perf_counter()
+                fitted = fit(true.hand, [picture])
+                took.append(time.perf_counter() - start)
+                good += fitted.converged
+                found.append(errors(true, fitted))
+            print(f"{given:26}{name:8}{_line([e.absolute for e in found])}{_line([e.scaled for e in found])}", end="")
+            print(f"{good:>8}/{count:<2}{np.median(took):7.1f}", flush=True)
+
+
+def scans(count: int, frames: int) -> None:
+    """Errors and seconds of phone scans."""
+    print(f"\nscans of {frames} pictures with depth: mean vertex error in mm, mean (worst) of pictures; seconds")
+    for seed in range(count):
+        rng = np.random.default_rng([seed, 8])
+        true = scan(rng, frames)
+        pictures = [one.picture(rng, True, f"frame {i}") for i, one in enumerate(true)]
+        start = time.perf_counter()
+        fitted = fit(true[0].hand, pictures)
+        took = time.perf_counter() - start
+        found = [errors(one, fitted, i).absolute for i, one in enumerate(true)]
+        print(f"person {seed}  {_line(found)}  {took:.1f} s  {fitted.reason or 'converged'}", flush=True)
+
+
+def _line(values: list[float]) -> str:
+    return f"{1e3 * np.mean(values):9.1f} ({1e3 * np.max(values):4.1f})"
+
+
+WRONG: dict[str, Callable[[Picture, np.random.Generator], Picture]] = {
+    "nothing": lambda picture, rng: picture,
+    "a left hand": lambda picture, rng: in_a_mirror(picture),
+    "key points shuffled": lambda picture, rng: replace(picture, key_points=rng.permutation(picture.key_points)),
+    "depth in millimetres": lambda picture, rng: replace(
+        picture, depth=None if picture.depth is None else 1000 * picture.depth
+    ),
+    "half the focal length": lambda picture, rng: replace(picture, camera=zoomed(picture.camera, 0.5)),
+    "twice the focal length": lambda picture, rng: replace(picture, camera=zoomed(picture.camera, 2.0)),
+    "a second hand, apart": lambda picture, rng: replace(picture, alpha=_and_another(picture.alpha, 0.6)),
+    "a second hand, touching": lambda picture, rng: replace(picture, alpha=_and_another(picture.alpha, 0.15)),
+}
+
+
+def told(count: int) -> None:
+    """How often what is wrong with a picture is told: as fatal, or as a doubt."""
+    print("\nwhat is wrong              given                     fatal  doubt  silent   (of which over 10 mm)")
+    for wrong, spoil in WRONG.items():
+        for depth in (False, True):
+            if "millimetres" in wrong and not depth:
+                continue
+            fatal = doubt = silent = far = 0
+            for seed in range(count):
+                rng = np.random.default_rng([seed, 9])
+                true = sitter(rng)
+                picture = spoil(true.picture(rng, depth), rng)
+                try:
+                    fitted = fit(true.hand, [picture])
+                except Unfittable:
+                    fatal += 1
+                    continue
+                if not fitted.converged:
+                    fatal += 1
+                elif fitted.problems:
+                    doubt += 1
+                else:
+                    silent += 1
+                    far += errors(true, fitted).scaled > 0.010
+            given = f"key points, mask{', depth' if depth else ''}"
+            print(f"{wrong:26} {given:26}{fatal:5}{doubt:7}{silent:8}   {far}", flush=True)
+
+
+def in_a_mirror(picture: Picture) -> Picture:
+    """The picture, its key points and its camera mirrored: the other hand."""
+    camera = picture.camera
+    K = np.array(camera.K)
+    K[0, 2] = camera.width - K[0, 2]
+    return replace(
+        picture,
+        camera=replace(camera, K=K),
+        key_points=np.array([camera.width, 0]) + np.array([-1, 1]) * picture.key_points,
+        alpha=None if picture.alpha is None else picture.alpha[:, ::-1],
+        depth=None if picture.depth is None else picture.depth[:, ::-1],
+    )
+
+
+def zoomed(camera: Camera, factor: float) -> Camera:
+    """The camera with another focal length."""
+    return replace(camera, K=camera.K * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]]))
+
+
+def _and_another(alpha: Array | None, shift: float) -> Array | None:
+    """A mask with a copy of itself beside it, shifted by a share of the picture's width."""
+    if alpha is None:
+        return None
+    columns = np.flatnonzero((alpha > 0.5).any(axis=0))
+    away = round(shift * len(alpha[0])) * (1 if columns.mean() < len(alpha[0]) / 2 else -1)
+    other = np.zeros_like(alpha)
+    if away > 0:
+        other[:, away:] = alpha[:, :-away]
+    else:
+        other[:, :away] = alpha[:, -away:]
+    return np.maximum(alpha, other)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.fitting", description=__doc__)
+    parser.add_argument("what", nargs="*", choices=["singles", "poses", "scans", "told"], default=["singles", "scans"])
+    parser.add_argument("--count", type=int, default=12, help="people (default: 12)")
+    parser.add_argument("--frames", type=int, default=60, help="pictures of a scan (default: 60)")
+    arguments = parser.parse_args()
+    for what in arguments.what:
+        match what:
+            case "singles":
+                singles(arguments.count, POSES[:1])
+            case "poses":
+                singles(arguments.count, POSES[1:])
+            case "scans":
+                scans(arguments.count, arguments.frames)
+            case "told":
+                told(arguments.count)
+
+
+if __name__ == "__main__":
+    main()
