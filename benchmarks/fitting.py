@@ -158,7 +158,7 @@ POSES = ("random", "open", "fist", "point", "pinch")
 
 def singles(count: int, poses: tuple[str, ...]) -> None:
     """Errors and seconds of one picture, by what is given and by pose."""
-    print("\none picture: mean vertex error in mm, mean (worst) of people; seconds")
+    print("\none picture: mean vertex error in mm, mean (worst) of people; seconds of a core")
     print(f"{'given':26}{'pose':8}{'absolute':>16}{'up to scale':>16}{'converged':>11}{'s':>7}")
     for given, kept in GIVEN.items():
         for name in poses:
@@ -168,9 +168,9 @@ def singles(count: int, poses: tuple[str, ...]) -> None:
                 pose = None if name == "random" else hand_model().named_pose(name)
                 true = sitter(rng, pose=pose)
                 picture = kept(true.picture(rng, depth=True))
-                start = time.perf_counter()
+                start = time.process_time()
                 fitted = fit(true.hand, [picture])
-                took.append(time.perf_counter() - start)
+                took.append(time.process_time() - start)
                 good += fitted.converged
                 found.append(errors(true, fitted))
             print(f"{given:26}{name:8}{_line([e.absolute for e in found])}{_line([e.scaled for e in found])}", end="")
@@ -179,14 +179,16 @@ def singles(count: int, poses: tuple[str, ...]) -> None:
 
 def scans(count: int, frames: int) -> None:
     """Errors and seconds of phone scans."""
-    print(f"\nscans of {frames} pictures with depth: mean vertex error in mm, mean (worst) of pictures; seconds")
+    print(
+        f"\nscans of {frames} pictures with depth: mean vertex error in mm, mean (worst) of pictures; seconds of a core"
+    )
     for seed in range(count):
         rng = np.random.default_rng([seed, 8])
         true = scan(rng, frames)
         pictures = [one.picture(rng, True, f"frame {i}") for i, one in enumerate(true)]
-        start = time.perf_counter()
+        start = time.process_time()
         fitted = fit(true[0].hand, pictures)
-        took = time.perf_counter() - start
+        took = time.process_time() - start
         found = [errors(one, fitted, i).absolute for i, one in enumerate(true)]
         print(f"person {seed}  {_line(found)}  {took:.1f} s  {fitted.reason or 'converged'}", flush=True)
 

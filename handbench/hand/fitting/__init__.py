@@ -5,7 +5,20 @@ from __future__ import annotations
 from .fit import Fit, Fitted, fit
 from .picture import Picture
 from .problems import Problem, Unfittable
+from .recorded import pictures
 from .single import QUICK, THOROUGH, Settings
 from .terms import Weights
 
-__all__ = ["QUICK", "THOROUGH", "Fit", "Fitted", "Picture", "Problem", "Settings", "Unfittable", "Weights", "fit"]
+__all__ = [
+    "QUICK",
+    "THOROUGH",
+    "Fit",
+    "Fitted",
+    "Picture",
+    "Problem",
+    "Settings",
+    "Unfittable",
+    "Weights",
+    "fit",
+    "pictures",
+]

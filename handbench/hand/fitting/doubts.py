@@ -13,9 +13,10 @@ from ...scene import Array
 from .picture import CloseUp
 from .problems import Problem
 from .single import Settings, Single, single
+from .solve import State, cost, solve
 from .space import Space
 from .starts import SKIN, distance, starts
-from .terms import Placed, gaps, in_camera
+from .terms import Objective, Placed, gaps, in_camera
 
 MISSED = 0.025  # of the close-up's side: detectors miss by a fifth of it, and shuffled key points by twice as much
 OVERLAP = 0.8  # intersection over union of masks: hands that fit reach 0.9
@@ -76,24 +77,24 @@ def other_ways(
     pairs = [(views[i], ours[i]) for i in tried]
     name, side = views[0].picture.name, space.rig.hand.side
     other = "left" if side == "right" else "right"
-    cost = sum(own.cost for _, own in pairs)
+    paid = sum(own.cost for _, own in pairs)
     mirror = sum(_cost(space, view.mirrored(), settings) for view, _ in pairs)
-    if mirror < CLEARLY * cost:
+    if mirror < CLEARLY * paid:
         text = (
-            f"this is a {other} hand, and the model is a {side} one: mirrored it fits at {mirror / cost:.0%} "
+            f"this is a {other} hand, and the model is a {side} one: mirrored it fits at {mirror / paid:.0%} "
             "of the cost; mirror picture, camera and key points, or give a model of its side"
         )
         return Problem("other hand", name, text)
     if all(view.depth is None for view, _ in pairs):
-        long = sum(_cost(space, _zoomed(view, 2.0), settings) for view, _ in pairs)
-        if long < CLEARLY * cost:
+        long = sum(_from_afar(space, view, own, settings) for view, own in pairs)
+        if long < CLEARLY * paid:
             focal = views[0].picture.camera.K[0, 0]
             text = (
                 f"the hand's perspective is that of a longer lens: with twice the focal length of {focal:.0f} pixels "
-                f"it fits at {long / cost:.0%} of the cost; check K"
+                f"it fits at {long / paid:.0%} of the cost; check K"
             )
             return Problem("focal length", name, text)
-    if mirror < cost / HARDLY:
+    if mirror < paid / HARDLY:
         text = f"a {other} hand would fit as well; make sure that it is a {side} one, or add depth or another picture"
         return Problem("other hand", name, text, fatal=False)
     return None
@@ -104,8 +105,13 @@ def _cost(space: Space, view: CloseUp, settings: Settings) -> float:
     return np.inf if found is None else found.cost
 
 
-def _zoomed(view: CloseUp, factor: float) -> CloseUp:
-    return replace(view, K=view.K * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]]))
+def _from_afar(space: Space, view: CloseUp, own: Single, settings: Settings, times: float = 2.0) -> float:
+    """The cost of the same hand, that many times farther away and seen through a lens that much longer."""
+    longer = replace(view, K=view.K * np.array([[times, 1, 1], [1, times, 1], [1, 1, 1]]))
+    (hand,) = own.state.hands
+    objective = Objective(space, [longer], settings.weights)
+    moved = State(own.state.z, (replace(hand, translation=times * hand.translation),))
+    return cost(objective, solve(objective, moved, settings.steps))
 
 
 class Judge:

@@ -16,7 +16,7 @@ from .picture import CloseUp, Picture
 from .problems import Problem, Unfittable
 from .rig import rodrigues
 from .single import QUICK, Settings, Single, single
-from .solve import State, solve
+from .solve import State, cost, solve
 from .space import Space
 from .starts import starts
 from .terms import Objective, Placed
@@ -91,7 +91,7 @@ def fit(hand: HandModel, pictures: Sequence[Picture], settings: Settings = QUICK
     for count, i in enumerate(chosen, start=1):
         also = [one.state.hands[0] for one in list(singles.values())[-1:]]  # a hand moves little between pictures
         if (start := pictures[i].start) is not None:
-            also.append(_in_camera(space, start, pictures[i].camera))
+            also.append(in_camera(space, start, pictures[i].camera))
         if (found := single(space, views[i], settings, tuple(also))) is not None:
             singles[i] = found
         progress(count, len(chosen) + len(order))
@@ -123,32 +123,44 @@ def fit(hand: HandModel, pictures: Sequence[Picture], settings: Settings = QUICK
             continue
         missed, overlap, depth, problems = judge.of(views[i], hands[i])
         problems = problems if doubt is None else (doubt, *problems)
-        answers.append(Fitted(picture.name, _world(space, hands[i], picture.camera), missed, overlap, depth, problems))
+        answers.append(
+            Fitted(picture.name, in_world(space, hands[i], picture.camera), missed, overlap, depth, problems)
+        )
     return Fit(hand, space.shape(state.z), tuple(answers))
 
 
 def _between(
     space: Space, view: CloseUp, hands: dict[int, Placed], index: int, z: Array, settings: Settings
 ) -> Placed | None:
-    """The hand of a picture between others; its shape is known. None if nothing starts."""
-    near = sorted(hands, key=lambda i: abs(i - index))[:2]
-    objective = Objective(space, [view], settings.weights)
-    for start in starts(space, view, 1, tuple(hands[i] for i in near)):
-        return solve(objective, State(z, (start.hand,)), settings.steps, shape=False).hands[0]
-    return None
+    """The hand of a picture between others; its shape is known. None if nothing starts.
+
+    Key points alone mislead where fingers hide each other, so the hand before is also tried as it is.
+    """
+    near = [hands[i] for i in sorted(hands, key=lambda i: abs(i - index))[:2]]
+    far, objective = (Objective(space, [view], weights) for weights in (settings.weights.far, settings.weights))
+    tried = [start.hand for start in starts(space, view, 1, tuple(near))]
+    first = max(1, settings.steps // 3)
+    states = [solve(far, State(z, (hand,)), first, shape=False) for hand in (*tried, near[0])]
+    costs = [cost(far, state) for state in states]
+    if not np.isfinite(min(costs)):
+        return None
+    best = states[int(np.argmin(costs))]
+    return solve(objective, best, settings.steps - first, shape=False).hands[0]
 
 
 def _nothing(picture: str) -> Problem:
     return Problem("no hand", picture, "no hand in front of the camera looks like the key points; check them and K")
 
 
-def _world(space: Space, hand: Placed, camera: Camera) -> Pose:
+def in_world(space: Space, hand: Placed, camera: Camera) -> Pose:
+    """The pose of a hand in the world, joints within their limits."""
     turn = Rotation.from_matrix(camera.rotation.T @ hand.rotation).as_rotvec()
     angles = np.clip(hand.angles, space.least, space.most)
     return Pose(space.turns(angles), turn, camera.rotation.T @ (hand.translation - camera.world_to_camera[:, 3]))
 
 
-def _in_camera(space: Space, pose: Pose, camera: Camera) -> Placed:
+def in_camera(space: Space, pose: Pose, camera: Camera) -> Placed:
+    """A pose in the world as a camera sees it."""
     turn = camera.rotation @ rodrigues(pose.rotation)[0]
     angles = np.clip(pose.joints.ravel()[space.free], space.least, space.most)
     return Placed(angles, turn, camera.rotation @ pose.translation + camera.world_to_camera[:, 3])

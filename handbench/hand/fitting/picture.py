@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from PIL import Image
@@ -15,15 +15,17 @@ from .problems import Problem
 SIDE = 192  # pixels of a close-up's longer side
 MARGIN = 0.15  # of the hand's box, kept free around it
 LEAST_POINTS = 8
+_GUESSED = 0.1  # how sure a detector is of what it does not see
 _LEAST_MASK = 30  # pixels
 _SPECK = 0.04  # of the largest piece of a mask: smaller ones are no fingers
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A hand as one camera saw it. Whatever a hand model's 21 key points are, `key_points` (21, 2) are their places.
+    """A hand as one camera saw it: `key_points` (21, 2) are the places of the hand model's 21, whatever they are.
 
-    Places are in pixels from the upper left corner, NaN where a point was not found. alpha (H, W) in [0, 1] is the
+    Places are in pixels from the upper left corner, NaN where a point was not found; with a third column they come with
+    how sure the detector was, 0 to 1 (1 without). alpha (H, W) in [0, 1] is the
     hand's mask, depth (H, W) in metres along z, 0 where nothing was measured; either may be None. `start` is a pose
     to begin with, beside those that the fit finds itself. Raises `InputError` for shapes that do not fit.
     """
@@ -34,12 +36,16 @@ class Picture:
     depth: Array | None = None
     name: str = "picture"
     start: Pose | None = None
+    sure: Array = field(init=False)
 
     def __post_init__(self) -> None:
         points = np.asarray(self.key_points, dtype=np.float64)
-        if points.shape != (21, 2):
-            raise InputError(f"{self.name}: key points have shape {points.shape}, expected (21, 2); NaN where unseen")
-        object.__setattr__(self, "key_points", points)
+        if points.shape not in ((21, 2), (21, 3)):
+            text = f"key points have shape {points.shape}, expected (21, 2), or (21, 3) with how sure each is"
+            raise InputError(f"{self.name}: {text}; write NaN where none was found")
+        object.__setattr__(self, "key_points", points[:, :2])
+        sure = points[:, 2] if points.shape[1] == 3 else np.ones(21)
+        object.__setattr__(self, "sure", np.clip(np.nan_to_num(sure), 0.0, 1.0))
         for name in ("alpha", "depth"):
             value = getattr(self, name)
             if value is None:
@@ -54,10 +60,10 @@ class Picture:
 
     @property
     def seen(self) -> Array:
-        """Which key points (21,) were found inside the picture."""
+        """Which key points (21,) were found inside the picture, not just guessed."""
         with np.errstate(invalid="ignore"):
             inside = (self.key_points >= 0) & (self.key_points <= (self.camera.width, self.camera.height))
-        return np.asarray(inside.all(axis=1))
+        return np.asarray(inside.all(axis=1)) & (self.sure > _GUESSED)
 
     def problem(self) -> Problem | None:
         """What makes a fit impossible, if anything does; looks at nothing but the picture."""
@@ -146,6 +152,12 @@ class CloseUp:
         places = (picture.key_points - [left, top]) * scales
         slope = None if outside is None else np.stack([np.gradient(outside, axis=axis) for axis in (1, 0)])
         return CloseUp(picture, K, width, height, places, seen, alpha, outside, slope, depth)
+
+    @property
+    def trust(self) -> Array:
+        """What the seen key points (n,) weigh beside others, from how sure the detector was; 1 on average."""
+        trust = self.picture.sure[self.seen] ** 2
+        return trust / trust.mean()
 
     def mirrored(self) -> CloseUp:
         """What is seen in a mirror: the other hand, as a hand of this side."""

@@ -143,8 +143,8 @@ def _model(space: Space, view: CloseUp, rest: Rest, measured: float | None, many
     off = (view.places(safe) - view.key_points)[:, view.seen] / pixel
     by_place = (view.moving(safe) @ by)[:, view.seen] / pixel
     far = np.linalg.norm(off, axis=-1)
-    weight = (1.0 / np.maximum(far, 1.0)).repeat(2, axis=1)
-    cost = 2 * np.where(far < 1.0, far**2 / 2 + 0.5, far).sum(axis=1)
+    weight = (view.trust / np.maximum(far, 1.0)).repeat(2, axis=1)
+    cost = 2 * np.where(far < 1.0, far**2 / 2 + 0.5, far) @ view.trust
     off, by_place = off.reshape(len(off), -1), by_place.reshape(len(off), -1, by.shape[-1])
     gradient = np.einsum("bn,bn,bnp->bp", weight, off, by_place)
     hessian = np.swapaxes(by_place, 1, 2) @ (weight[..., None] * by_place)

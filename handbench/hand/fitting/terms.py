@@ -116,9 +116,9 @@ class Objective:
         off = view.places(points[rows]) - view.key_points[view.seen]
         by = view.moving(points[rows]) @ moving[rows]
         distance = np.linalg.norm(off, axis=1)
-        scale = self.weights.key_points * 8.0 / max(view.width, view.height) / len(rows)
+        scale = self.weights.key_points * 8.0 / max(view.width, view.height) / len(rows) * view.trust
         weight = (scale / np.maximum(distance, _POINT)).repeat(2)
-        _add(total, scale * float(_huber(distance, _POINT).sum()), weight, off.ravel(), by.reshape(-1, by.shape[-1]))
+        _add(total, float(scale @ _huber(distance, _POINT)), weight, off.ravel(), by.reshape(-1, by.shape[-1]))
 
     def _mask(self, total: Quadratic, view: CloseUp, fine: Array, coarse: Array) -> None:
         assert view.outside is not None and view.slope is not None

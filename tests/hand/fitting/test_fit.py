@@ -7,11 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.fitting import Noise, Sitter, errors, sitter
-from handbench.errors import InputError
+from benchmarks.fitting import Noise, Sitter, errors, in_a_mirror, sitter, zoomed
+from handbench.errors import InputError, Unsupported
 from handbench.hand import hand_model
-from handbench.hand.fitting import Fit, Picture, Settings, Unfittable, fit
-from handbench.scene import Pose
+from handbench.hand.fitting import Fit, Picture, Settings, Unfittable, fit, pictures, starts
+from handbench.hand.fitting.fit import in_camera, in_world
+from handbench.hand.fitting.picture import CloseUp
+from handbench.hand.fitting.space import Space
+from handbench.recording import Recording
+from handbench.scene import Directional, Frame, Observation, Pose
 
 BRIEF = Settings(steps=16)
 
@@ -66,28 +70,22 @@ def test_a_sequence_has_one_shape_and_pictures_without_a_hand_are_left_out(someo
         assert errors(turned[i], fitted, i).absolute < 0.004
 
 
-def test_a_start_that_is_given_is_used(someone: Sitter, flat: Picture, monkeypatch: pytest.MonkeyPatch) -> None:
-    from handbench.hand.fitting import starts
-
-    monkeypatch.setattr(starts, "STEPS", 0)  # key points alone lead nowhere
-    lost, led = (fit(hand_model(), [replace(flat, start=start)], BRIEF) for start in (None, someone.pose))
-    assert errors(someone, led).scaled < 0.007 < errors(someone, lost).scaled
-    assert not lost.converged and led.converged
+def test_a_start_that_is_given_is_tried_as_it_is(
+    someone: Sitter, flat: Picture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    space, camera = Space.of(someone.hand, 1), someone.camera
+    given = in_camera(space, someone.pose, camera)
+    back = in_world(space, given, camera)
+    np.testing.assert_allclose(back.joints, someone.pose.joints, atol=1e-9)
+    np.testing.assert_allclose(back.rotation, someone.pose.rotation, atol=1e-9)
+    np.testing.assert_allclose(back.translation, someone.pose.translation, atol=1e-9)
+    monkeypatch.setattr(starts, "STEPS", 0)  # nothing else can be as good
+    lost, led = (starts.starts(space, CloseUp.of(flat), 1, also)[0] for also in ((), (given,)))
+    assert led.hand.angles is not lost.hand.angles and led.missed < 0.3 * lost.missed
 
 
 def test_the_other_hand_is_told(deep: Picture) -> None:
-    camera = deep.camera
-    assert deep.alpha is not None and deep.depth is not None
-    K = camera.K.copy()
-    K[0, 2] = camera.width - K[0, 2]
-    mirrored = replace(
-        deep,
-        camera=replace(camera, K=K),
-        key_points=np.array([camera.width, 0]) + np.array([-1, 1]) * deep.key_points,
-        alpha=deep.alpha[:, ::-1],
-        depth=deep.depth[:, ::-1],
-    )
-    fitted = fit(hand_model(), [mirrored], BRIEF)
+    fitted = fit(hand_model(), [in_a_mirror(deep)], BRIEF)
     assert not fitted.converged and "left hand" in fitted.reason
     assert "other hand" in [problem.kind for problem in fitted.problems]
 
@@ -119,13 +117,12 @@ def test_what_cannot_be_fitted_is_refused_with_the_reason(deep: Picture) -> None
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_wrong_focal_length_is_told_by_depth(deep: Picture, factor: float) -> None:
-    K = deep.camera.K * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]])
-    assert kind(replace(deep, camera=replace(deep.camera, K=K))) == "focal length"
+    assert kind(replace(deep, camera=zoomed(deep.camera, factor))) == "focal length"
 
 
 def test_an_absurd_focal_length_is_told_without_depth(flat: Picture) -> None:
-    K = flat.camera.K * np.array([[0.05, 1, 1], [1, 0.05, 1], [1, 1, 1]])  # millimetres for pixels
-    assert kind(replace(flat, camera=replace(flat.camera, K=K))) == "focal length"
+    millimetres = zoomed(flat.camera, 0.05)  # for pixels
+    assert kind(replace(flat, camera=millimetres)) == "focal length"
 
 
 def test_two_hands_that_touch_are_told(flat: Picture) -> None:
@@ -165,3 +162,28 @@ def test_noise_is_what_it_says() -> None:
     picture = clean.picture(np.random.default_rng(0), True)
     places = clean.camera.project(clean.hand.posed(clean.shape, clean.pose)[1][list(clean.hand.key_points)])[0]
     np.testing.assert_allclose(picture.key_points, places)
+
+
+def test_a_recording_is_a_sequence_of_pictures(someone: Sitter, deep: Picture) -> None:
+    light = Directional([0.0, 1.0, 0.0], [1.0, 1.0, 1.0])
+    frames = [
+        Frame("s", f"p{k}", "full", someone.pose, None, someone.camera, light, "scan", "full", moment=k) for k in (1, 0)
+    ]
+    points = np.c_[deep.key_points, np.linspace(0.0, 1.0, 21)]
+    image = np.zeros((*deep.alpha.shape, 3))
+
+    def observe(frame: Frame) -> Observation:
+        return Observation(image, deep.alpha, depth=deep.depth, keypoints=points)
+
+    given = pictures(Recording(frames, observe))
+    assert [picture.name for picture in given] == ["s/p0/phone/full", "s/p1/phone/full"]
+    assert given[0].start is not None and given[0].depth is not None
+    assert not given[0].seen[:2].any() and given[0].seen[3:].all()  # a detector's guesses are not seen
+    least = pictures(Recording(frames, observe, frozenset({"image", "camera", "keypoints"})))
+    assert least[0].start is None and least[0].depth is None and least[0].alpha is None
+    with pytest.raises(Unsupported, match="keypoints"):
+        pictures(Recording(frames, observe, frozenset({"image", "camera"})))
+    with pytest.raises(Unsupported, match="calibration"):
+        pictures(Recording(frames, observe, frozenset({"image", "keypoints"})))
+    with pytest.raises(Unsupported, match="one subject"):
+        pictures(Recording([*frames, replace(frames[0], subject="t")], observe))
