@@ -1,53 +1,44 @@
-"""Make handbench/data/openstage/thumbnails.npz anew: small pictures of a few fixed views of each preset.
+"""Make handbench/data/openstage/thumbnails.npz anew from captures that were made here.
 
-Run after the last change of what is generated, with the generator's version raised:
+Run after the last change of what a version of the generator makes, before maintainer/make_mini.sh:
 
-    .venv/bin/python maintainer/thumbnails.py                    all that are small enough
-    .venv/bin/python maintainer/thumbnails.py openscans-mini     some; the others stay as they are
+    .venv/bin/python maintainer/thumbnails.py ~/.cache/handbench
+
+takes every finished capture in the folder that is of a recipe of today and at most a few gigabytes large; what the file
+holds of other recipes of today stays.
 """
 
 from __future__ import annotations
 
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from handbench.data.openstage import PRESETS
-from handbench.data.openstage.performance import Maker
-from handbench.data.openstage.plans import production
-from handbench.data.openstage.presets import Preset
+from handbench.data.openstage.manifest import FILE, read_manifest
 from handbench.data.openstage.thumbnails import KEPT, chosen, thumbnail
-from handbench.data.openstage.trace.pathtrace import PathTracer
+from handbench.errors import InputError
 
 SMALL = ("mini", "quick", "dense")
 
 
-def pictures(preset: Preset) -> dict[str, np.ndarray]:
-    """The thumbnails of a preset by recipe and path."""
-    plan, found = production(preset), {}
-    with tempfile.TemporaryDirectory() as folder:
-        maker = Maker(plan, Path(folder), PathTracer())
-        for performance, name in chosen(plan):
-            for _ in maker.make(performance):
-                found[f"{preset.recipe}/{name}"] = thumbnail(Path(folder) / name).astype(np.float16)
-    return found
-
-
-def main(names: list[str]) -> None:
-    presets = [preset for sizes in PRESETS.values() for preset in sizes.values() if preset.name in SMALL]
+def main(folder: Path) -> None:
+    recipes = {preset.recipe for sizes in PRESETS.values() for preset in sizes.values() if preset.name in SMALL}
     kept = dict(np.load(KEPT)) if KEPT.is_file() else {}
-    found: dict[str, np.ndarray] = {}
-    for preset in presets:
-        if not names or f"{preset.capture}-{preset.name}" in names:
-            found |= pictures(preset)
-            print(preset.label, flush=True)
-        else:
-            found |= {name: image for name, image in kept.items() if name.startswith(preset.recipe)}
+    found = {name: image for name, image in kept.items() if name.partition("/")[0] in recipes}
+    for path in sorted(folder.glob(f"*/{FILE}")):
+        try:
+            manifest = read_manifest(path)
+        except InputError as error:
+            print(f"left out: {error}")
+            continue
+        if (recipe := manifest["recipe"]) in recipes:
+            found |= {f"{recipe}/{name}": thumbnail(path.parent / name).astype(np.float16) for name in chosen(manifest)}
+            print(path.parent.name, flush=True)
     np.savez_compressed(KEPT, **found)
     print(f"{KEPT}: {len(found)} pictures, {KEPT.stat().st_size / 1e3:.0f} kB")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(Path(sys.argv[1]))

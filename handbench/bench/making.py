@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ..data.capture import open_capture
-from ..data.openstage import capture_folder, generated, lacking, preset
+from ..data.openstage import PRESETS, capture_folder, generated, lacking, preset
+from ..data.openstage.helpers import helped
 from ..data.openstage.presets import CaptureName
 from ..errors import InputError, unknown_name
 from ..method import Progress, silent
@@ -31,12 +32,14 @@ def make_capture(
     shard: Shard | None = None,
     executor: str = "local",
     cpus: int | None = None,
+    processes: int = 1,
 ) -> tuple[str, ...]:
     """Generate what is missing of a capture; returns the keys of poses of other shards that are not there yet.
 
     shard       make only the poses of this part, in a folder that all parts share
     executor    "local", or "ray": on the nodes of a Ray cluster, which share the disk of the folder
     cpus        cores that "ray" gives a task; None: as many as the smallest node has
+    processes   how many of this machine share the work, if neither shard nor executor says otherwise
 
     Raises `InputError` for an unknown capture or size, for parts of a capture that is not generated in parts, and for
     a cluster that cannot be used; `StorageError` when the folder cannot be written.
@@ -46,7 +49,7 @@ def make_capture(
         raise unknown_name("executor", executor, EXECUTORS)
     if executor == "local" and cpus is not None:
         raise InputError("cores are given to tasks with --executor ray only; here OMP_NUM_THREADS says how many")
-    if executor == "local" and shard is None:
+    if executor == "local" and shard is None and (processes == 1 or name not in PRESETS):
         open_capture(name, size, folder, steps)
         return ()
     capture = generated(name)
@@ -55,6 +58,9 @@ def make_capture(
     if not lacking(capture_folder(size, folder, capture)):
         return ()
     progress = steps(f"capture {name} {size}")
+    if executor == "local" and shard is None:
+        with helped(capture, size, capture_folder(size, folder, capture).absolute(), processes - 1):
+            return _make(capture, size, folder, progress, None)
     if shard is None:
         _on_ray(capture, size, folder, progress, cpus)
         return ()

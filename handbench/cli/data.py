@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from typing import Any
 
 from ..terminal import say
 from .shared import cores
 
+_MOST = 4  # processes of their own accord: each takes 1 to 2 GB
 _ELSEWHERE = "choose another place with --out"
 
 
@@ -16,6 +18,9 @@ def add(verbs: Any) -> None:
     data = verbs.add_parser("data", help="make, show and check captures").add_subparsers(required=True, metavar="VERB")
     make = data.add_parser("make", help="generate what is missing of a capture")
     make.set_defaults(verb=_data_make, resumes=True)
+    make.add_argument(
+        "--processes", type=cores, metavar="N", help=f"that share the work here (default: the cores, {_MOST} at most)"
+    )
     make.add_argument("--shard", metavar="I/N", help="only this part of the poses, for arrays of jobs on one folder")
     make.add_argument(
         "--executor", default="local", metavar="NAME", help="local (default), or ray: the nodes of a cluster"
@@ -40,9 +45,10 @@ def _data_make(arguments: argparse.Namespace) -> int:
     from ..shards import Shard
 
     shard = None if arguments.shard is None else Shard.parse(arguments.shard)
+    processes = arguments.processes or min(_MOST, os.cpu_count() or 1)
     name, size, folder = arguments.capture, arguments.size, arguments.folder
     with steps() as told:
-        left = make_capture(name, size, folder, told, shard, arguments.executor, arguments.cpus)
+        left = make_capture(name, size, folder, told, shard, arguments.executor, arguments.cpus, processes)
     if left:
         say(f"shard {shard}: made; not there yet, of other shards: {len(left)} poses")
         say("the capture is finished by the shard that finishes last, or by the same command without --shard")

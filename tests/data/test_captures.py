@@ -46,7 +46,7 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[Captu
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "PathTracer", Quick)
-        patch.setattr(module, "difference", lambda production, folder: None)
+        patch.setattr(module, "difference", lambda manifest, folder: None)
         yield open_
 
 

@@ -20,10 +20,11 @@ from quicktracer import Quick
 from handbench.bench import making
 from handbench.claims import claim
 from handbench.cli import main
-from handbench.data.openstage import PRESETS, capture_folder, thumbnails
+from handbench.data.openstage import PRESETS, capture_folder, helpers, thumbnails
 from handbench.data.openstage import make as module
 from handbench.data.openstage.capture import OpenCapture
 from handbench.data.openstage.make import make
+from handbench.data.openstage.manifest import read_manifest
 from handbench.data.openstage.plans import production
 from handbench.errors import InputError, StorageError
 from handbench.shards import Shard
@@ -64,6 +65,7 @@ from pathlib import Path
 sys.path[:0] = [sys.argv[1], sys.argv[2]]
 from quicktracer import Quick
 from test_making import PLAN
+from handbench.data.openstage import helpers
 from handbench.data.openstage import make as module
 from handbench.data.openstage import thumbnails
 module.PathTracer = Quick
@@ -205,19 +207,47 @@ def test_a_part_is_made_by_a_task_of_a_cluster(whole: Path, tmp_path: Path, monk
 
 
 def test_a_making_is_compared_with_that_of_the_package(whole: Path, tmp_path: Path) -> None:
-    kept = {
-        f"{TINY.recipe}/{name}": thumbnails.thumbnail(whole / name).astype(np.float16)
-        for _, name in thumbnails.chosen(PLAN)
-    }
+    manifest = read_manifest(whole / "capture.json")
+    chosen = thumbnails.chosen(manifest)
+    kept = {f"{TINY.recipe}/{name}": thumbnails.thumbnail(whole / name).astype(np.float16) for name in chosen}
     assert len(kept) == 4
-    off = thumbnails.difference(PLAN, whole, kept)
+    off = thumbnails.difference(manifest, whole, kept)
     assert off is not None and off.views == 4 and off.largest < 5e-4, "half floats"
-    assert thumbnails.difference(PLAN, whole, {}) is None
+    assert thumbnails.difference(manifest, whole, {}) is None
     dimmer = {name: 0.98 * image for name, image in kept.items()}
     with pytest.raises(InputError, match=r"exr differs by 2\.\d\d% from the picture of the package, .* 1%"):
-        thumbnails.difference(PLAN, whole, dimmer)
+        thumbnails.difference(manifest, whole, dimmer)
     told = OpenCapture(whole).remarks
     assert told == ("the package has no pictures of this size to compare its own with",)
+
+
+def test_a_helper_makes_poses_from_the_end_and_leaves_the_rest(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(PRESETS["openstage"], "mini", TINY)
+    made: list[str] = []
+    real = module.Maker.make
+    monkeypatch.setattr(module.Maker, "make", lambda self, one: made.append(one.key) or real(self, one))
+    helpers.assist(json.dumps(["openstage", "mini", str(tmp_path), os.getppid()]))
+    assert made == ["s02/pose-1", "s02/pose-0", "s01/pose-1", "s01/pose-0"]
+    assert not (tmp_path / "capture.json").exists()
+    make(PLAN, tmp_path)
+    assert len(made) == 4 and content(tmp_path) == content(whole)
+    with pytest.raises(SystemExit):
+        helpers.assist(json.dumps(["openstage", "mini", str(tmp_path), 1 - os.getppid()]))
+
+
+def test_helpers_end_with_the_block(tmp_path: Path) -> None:
+    started = time.monotonic()
+    with helpers.helped("openstage", "quick", tmp_path, 1):
+        pass
+    assert time.monotonic() - started < 20 and not (tmp_path / "capture.json").exists()
+
+
+def test_the_thumbnails_are_of_recipes_of_today_and_small() -> None:
+    assert thumbnails.KEPT.stat().st_size <= 200_000
+    of = {name.partition("/")[0] for name in np.load(thumbnails.KEPT)}
+    assert of and of <= {size.recipe for sizes in PRESETS.values() for size in sizes.values()}
 
 
 @pytest.mark.parametrize(

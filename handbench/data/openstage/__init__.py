@@ -35,13 +35,14 @@ def generated(name: str) -> CaptureName:
 
 def capture_folder(size: str, folder: Path | None = None, capture: CaptureName = "openstage") -> Path:
     """Where a capture of this size lives: in the package if it ships, else in `folder`, $HANDBENCH_DATA or cache."""
-    if _ships(size, folder):
-        return Path(__file__).parent / ("mini" if capture == "openstage" else f"mini-{capture}")
-    return (folder or cache_folder()) / f"{capture}-{size}-{preset(size, capture).recipe[:8]}"
+    recipe = preset(size, capture).recipe
+    if folder is None and (shipped := _shipped(size, capture)).is_dir():
+        return shipped
+    return (folder or cache_folder()) / f"{capture}-{size}-{recipe[:8]}"
 
 
-def _ships(size: str, folder: Path | None) -> bool:
-    return size == "mini" and folder is None
+def _shipped(size: str, capture: CaptureName) -> Path:
+    return Path(__file__).parent / (size if capture == "openstage" else f"{size}-{capture}")
 
 
 def lacking(place: Path) -> list[str]:
@@ -63,8 +64,8 @@ def open_capture(
 
     place = capture_folder(size, folder, capture)
     lost = lacking(place)
-    if lost and _ships(size, folder):
-        raise InputError(f"the mini capture at {place} lacks {lost[0]}; install handbench again")
+    if lost and place == _shipped(size, capture):
+        raise InputError(f"the capture in the package, {place}, lacks {lost[0]}; install handbench again")
     if lost:
         from .make import make
         from .plans import production

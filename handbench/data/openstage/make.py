@@ -40,13 +40,15 @@ def make(
     folder: Path,
     progress: Progress = silent,
     mine: Collection[str] | None = None,
+    finish: bool = True,
 ) -> tuple[str, ...]:
     """Generate what is missing of a capture in `folder`; its capture.json is written last.
 
     `mine` are the keys of the performances to make, None for all. What another process is at work on is left to it,
     and waited for. Returns the keys of performances of others that are not there yet; without any the capture is
-    finished. Raises `StorageError` when the folder cannot be written or the disk is full, what is there stays;
-    `InputError` if the folder was begun with another recipe, and if pictures are too far from the package's.
+    finished, unless `finish` leaves that to another.
+    Raises `StorageError` when the folder cannot be written or the disk is full, what is there stays; `InputError` if
+    the folder was begun with another recipe, and if pictures are too far from the package's.
     """
     with writing(folder, "free some space or choose another folder"):
         folder.mkdir(parents=True, exist_ok=True)
@@ -59,8 +61,8 @@ def make(
         chosen = [one for one in production.performances if mine is None or one.key in mine]
         _work(Maker(production, folder, PathTracer()), chosen, _files_of(folder, manifest), progress)
         left = tuple(key for key, paths in _files_of(folder, manifest).items() if not _all_there(paths))
-        if not left:
-            _finish(production, folder, manifest, lost)
+        if finish and not left:
+            _finish(folder, manifest, lost)
         return left
 
 
@@ -144,9 +146,9 @@ def _made(maker: Maker, performance: Performance, there: bool) -> Iterator[objec
     return iter(performance.views) if there else maker.make(performance)
 
 
-def _finish(production: Production, folder: Path, manifest: Manifest, lost: Collection[str]) -> None:
+def _finish(folder: Path, manifest: Manifest, lost: Collection[str]) -> None:
     """Write the sums and capture.json. Of files that were there before, the sums that vouch for them stay."""
-    off = difference(production, folder)
+    off = difference(manifest, folder)
     before: dict[str, str] = {}
     with suppress(InputError, OSError):
         before = recorded(folder, read_manifest(folder / FILE))

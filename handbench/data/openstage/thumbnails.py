@@ -5,9 +5,10 @@ Two machines make the same capture of a recipe though their rounding differs; he
 
 from __future__ import annotations
 
+import re
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,8 @@ from ...errors import InputError
 from ...scene import Array
 from ..arrays import read_arrays
 from ..exr import read_exr, stack
-from .production import Performance, Production
+from .inventory import files
+from .manifest import Manifest
 
 KEPT = Path(__file__).with_name("thumbnails.npz")
 BOUND = 0.01
@@ -36,17 +38,10 @@ class Difference:
     largest: float
 
 
-def chosen(production: Production) -> list[tuple[Performance, str]]:
-    """The fixed views, spread over the capture: performances of one view and lighting, and their pictures' paths."""
-    found = []
-    for i, k in enumerate(np.linspace(0, len(production.performances) - 1, _VIEWS).round().astype(int)):
-        performance = production.performances[k]
-        view = performance.views[i % len(performance.views)]
-        lighting = view.lightings[5 * i % len(view.lightings)]
-        shots = tuple(s for s in performance.shots if view.camera in s.cameras and lighting in s.lightings)
-        alone = tuple(replace(shot, cameras=(view.camera,), lightings=(lighting,)) for shot in shots[:1])
-        found.append((replace(performance, shots=alone), f"{performance.key}/{view.camera.name}/{lighting.name}.exr"))
-    return found
+def chosen(manifest: Manifest) -> list[str]:
+    """The fixed views: a few pictures, spread over the capture."""
+    pictures = [name for name in files(manifest) if re.fullmatch(r"[^/]+/[^/]+/[^/]+/(?!geometry)[^/]+\.exr", name)]
+    return [pictures[i] for i in np.linspace(0, len(pictures) - 1, _VIEWS).round().astype(int)]
 
 
 def thumbnail(path: Path) -> Array:
@@ -58,17 +53,17 @@ def thumbnail(path: Path) -> Array:
     return blocks.mean(axis=(1, 3)).astype(np.float32)
 
 
-def difference(production: Production, folder: Path, kept: Mapping[str, Array] | None = None) -> Difference | None:
+def difference(manifest: Manifest, folder: Path, kept: Mapping[str, Array] | None = None) -> Difference | None:
     """How far the capture in `folder` is from the package's making, or None if the package has no pictures of it.
 
     Raises `InputError` if it is above `BOUND`.
     """
-    recipe = production.preset.recipe
+    recipe = manifest["recipe"]
     kept = _kept(recipe) if kept is None else kept
     if not kept:
         return None
     largest = 0.0
-    for _, name in chosen(production):
+    for name in chosen(manifest):
         theirs = np.asarray(kept[f"{recipe}/{name}"], np.float32)
         off = float(np.abs(thumbnail(folder / name) - theirs).mean() / max(theirs.mean(), _DARK))
         if not off <= BOUND:
@@ -77,7 +72,7 @@ def difference(production: Production, folder: Path, kept: Mapping[str, Array] |
                 f"{BOUND:.0%}; install the versions of constraints.txt, delete the folder and make the capture again"
             )
         largest = max(largest, off)
-    return Difference(len(chosen(production)), largest)
+    return Difference(len(chosen(manifest)), largest)
 
 
 def _kept(recipe: str) -> dict[str, Any]:
