@@ -128,6 +128,15 @@ def _at_module_level(node: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
             yield from _at_module_level(child)
 
 
+def test_the_bench_loads_neither_torch_nor_scipy() -> None:
+    """A run whose methods need neither starts in a fraction of the time; who draws with atlases loads them."""
+    modules = ("bench.cell", "bench.run", "bench.describe", "bench.provenance", "metrics")
+    code = "".join(f"import handbench.{name}\n" for name in modules)
+    code += "import sys; print(sorted({'torch', 'scipy', 'open3d'} & sys.modules.keys()))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
 def test_importing_everything_loads_no_pandas(tmp_path: Path) -> None:
     """A pandas is put in the way of every import, so that one that is tried is seen even where none is installed."""
     (tmp_path / "pandas.py").write_text(

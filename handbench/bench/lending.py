@@ -6,13 +6,13 @@ one sees, and one that changes what it was given fails by name, since its own an
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar, get_args
 
 import numpy as np
 
 from ..errors import Changed
-from ..render.uv.atlas import forget as forget_atlases
 from ..scene import Array, Frame, Light, Prediction
 from .protocol import Selected
 
@@ -44,7 +44,7 @@ class Lender:
     def lend(self, selected: Selected, borrower: str) -> Selected:
         """The frames as copies that the borrower alone has."""
         if self._for is None or self._for[0] is not selected or self._for[1] != borrower:
-            forget_atlases()  # they may be of what was changed, and the last borrower had them in hand
+            _forget_atlases()
             copier = _Copier()
             train, enrol = copier.frames(selected.train), copier.frames(selected.enrol)
             scored = {column: copier.frames(frames) for column, frames in selected.scored.items()}
@@ -72,6 +72,13 @@ def answered(prediction: Prediction) -> Prediction:
         f.name: v.copy() for f in fields(prediction) if isinstance(v := getattr(prediction, f.name), np.ndarray)
     }
     return replace(prediction, **arrays)
+
+
+def _forget_atlases() -> None:
+    """They may be of what was changed, and the last borrower had them in hand. Nothing is loaded to have none."""
+    atlas = sys.modules.get("handbench.render.uv.atlas")
+    if atlas is not None:
+        atlas.forget()
 
 
 def _named(kind: type) -> str:

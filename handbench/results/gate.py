@@ -246,12 +246,16 @@ def _verdict(worse: float, low: float | None, high: float | None, allowed: float
 
 
 def _other_device(new: _Side, old: _Side, methods: Sequence[str]) -> str | None:
-    """Which devices the two runs used, if they are not one."""
-    used = [sorted({_device(c.device) for m in methods for c in side.of(m).values()}) for side in (new, old)]
-    if used[0] == used[1] and len(used[0]) == 1:
-        return None
-    told = [f"{side.run.folder} on {' and '.join(devices)}" for side, devices in zip((new, old), used, strict=True)]
-    return ", ".join(told)
+    """Which devices the two runs used for a method, if they are not one.
+
+    Methods are asked one by one: one that never loads torch does not tell what torch knows of the machine.
+    """
+    for method in methods:
+        used = [sorted({_device(cell.device) for cell in side.of(method).values()}) for side in (new, old)]
+        if used[0] != used[1] or len(used[0]) != 1:
+            sides = zip((new, old), used, strict=True)
+            return ", ".join(f"{side.run.folder} on {' and '.join(devices)}" for side, devices in sides)
+    return None
 
 
 def _device(device: Device | None) -> str:
