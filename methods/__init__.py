@@ -39,6 +39,19 @@ ENTRIES: tuple[Entry, ...] = (
         )
         for name, a in ABLATIONS.items()
     ),
+    Entry(
+        "urhand-phone",
+        "handbench.methods.phone.method:create_urhand",
+        "URHand personalised from a scan by phone in unknown light, its shadow divided out",
+    ),
+    Entry(
+        "sh-phone",
+        "handbench.methods.phone.method:create_harmonic",
+        "the same scan, light and albedo solved together, the parametric BRDF of URHand",
+    ),
+    Entry(
+        "mean-phone", "handbench.methods.phone.mean:create", "the mean of the scan's pictures: the floor", presets=False
+    ),
     *(
         Entry(
             f"{name}-tracked",

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from handbench.errors import Unsupported
 from handbench.hand import HandModel, hand_model
 from handbench.hand.fitting import QUICK, Picture, Settings, Unfittable, fit
-from handbench.method import Progress, Recording, silent
+from handbench.method import Avatar, PosedAvatar, Progress, Recording, silent
 from handbench.recording import Need
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.unwrap import Projected, TexelSurface
-from handbench.scene import Array, Frame, Mesh, Pose, Viewpoint, needed
+from handbench.scene import Array, Frame, Light, Mesh, Pose, Prediction, Viewpoint, needed
 
 FITTABLE: frozenset[Need] = frozenset({"image", "alpha", "camera", "keypoints"})
 """What enrolment must give for `fitted_hand`; depth and poses are used where they are given."""
@@ -114,3 +114,24 @@ def _picture(frame: Frame, enrolment: Recording) -> Picture:
     points = needed(seen.keypoints, "set of key points")
     places = np.where(points[:, 2:] < LEAST_SURE, np.nan, points[:, :2])
     return Picture(frame.camera, places, seen.alpha, seen.depth, frame.key, frame.pose)
+
+
+class FittedAvatar(Avatar):
+    """An avatar that is asked for viewpoints with the person's own fitted mesh, whatever mesh they bring."""
+
+    def __init__(self, hand: FittedHand, inner: Avatar) -> None:
+        self._hand, self._inner = hand, inner
+
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        mesh = self._hand.posed(viewpoint)
+        return PosedFitted(self._inner.pose(replace(viewpoint, mesh=mesh)), mesh)
+
+
+class PosedFitted(PosedAvatar):
+    """A posed avatar whose pictures come with the fitted mesh."""
+
+    def __init__(self, inner: PosedAvatar, mesh: Mesh) -> None:
+        self._inner, self._mesh = inner, mesh
+
+    def relight(self, light: Light) -> Prediction:
+        return replace(self._inner.relight(light), mesh=self._mesh)
