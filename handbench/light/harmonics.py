@@ -31,8 +31,8 @@ def harmonics(directions: Array, degree: int) -> Array:
         rows += [one * y, one * z, one * x]
     if degree > 1:
         two = 0.5 * math.sqrt(15.0 / math.pi)
-        rows += [2 * two * x * y, 2 * two * y * z, 0.25 * math.sqrt(5.0 / math.pi) * (3 * z * z - 1)]
-        rows += [2 * two * x * z, two * (x * x - y * y)]
+        rows += [two * x * y, two * y * z, 0.25 * math.sqrt(5.0 / math.pi) * (3 * z * z - 1)]
+        rows += [two * x * z, 0.5 * two * (x * x - y * y)]
     if degree > 2:
         a, b = 0.25 * math.sqrt(35.0 / (2.0 * math.pi)), 0.25 * math.sqrt(21.0 / (2.0 * math.pi))
         c, d = 0.5 * math.sqrt(105.0 / math.pi), 0.25 * math.sqrt(7.0 / math.pi)

@@ -41,9 +41,13 @@ def irradiance(normal: Array) -> Array:
     return harmonics(normal, DEGREE) * cosine_lobe(DEGREE)
 
 
-def decomposed(pictures: Sequence[Lit], start: Array, rounds: int = 8) -> Decomposed:
-    """Light and albedo of pictures by alternating least squares, from a hand of one colour `start` (3,)."""
-    colour = np.tile(start[:, None], (1, pictures[0].colour.shape[1]))
+def decomposed(pictures: Sequence[Lit], mean: Array, foreground: Array, rounds: int = 8) -> Decomposed:
+    """Light and albedo of pictures by alternating least squares.
+
+    They start from the mean texture (3, N): over a turn the light evens out, and what is lighter in it is lighter skin.
+    A single picture starts from its mean colour (3,): it alone cannot tell light from skin.
+    """
+    colour = mean if len(pictures) > 1 else np.tile(foreground[:, None], (1, mean.shape[1]))
     trust = [np.ones_like(picture.weight) for picture in pictures]
     light = np.zeros((9, 3))
     for _ in range(rounds):

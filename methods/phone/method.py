@@ -71,7 +71,7 @@ def unlit(found: Unwrapped, config: PhoneConfig) -> tuple[Tensor, Decomposed | N
             dark = shadow(found.mean, found.seen, found.foreground, found.atlas, blur, config.shadow_most)
             return found.texture(found.mean / dark), None
         case "joint":
-            solved = decomposed(found.pictures, found.foreground, config.rounds)
+            solved = decomposed(found.pictures, found.mean, found.foreground, config.rounds)
             return found.texture(solved.colour), solved
         case _:
             assert_never(config.removal)
