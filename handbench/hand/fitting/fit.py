@@ -115,13 +115,16 @@ def fit(hand: HandModel, pictures: Sequence[Picture], settings: Settings = QUICK
         progress(len(chosen) + len(hands), len(chosen) + len(order))
 
     judge = Judge(space, state.z)
-    doubt = other_ways(space, [views[i] for i in chosen], list(singles.values()), settings)
+    judged = {i: judge.of(views[i], placed) for i, placed in hands.items()}
+    doubt = None
+    if any("no hand" not in {problem.kind for problem in found[-1]} for found in judged.values()):
+        doubt = other_ways(space, [views[i] for i in chosen], list(singles.values()), settings)
     answers = []
     for i, picture in enumerate(pictures):
         if i in refused:
             answers.append(Fitted(picture.name, None, np.nan, np.nan, np.nan, (refused[i],)))
             continue
-        missed, overlap, depth, problems = judge.of(views[i], hands[i])
+        missed, overlap, depth, problems = judged[i]
         problems = problems if doubt is None else (doubt, *problems)
         answers.append(
             Fitted(picture.name, in_world(space, hands[i], picture.camera), missed, overlap, depth, problems)

@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt, label, map_coordinates
 
 from ...errors import InputError
 from ...scene import Array, Camera, Pose
-from .problems import Problem
+from .problems import Kind, Problem
 
 SIDE = 192  # pixels of a close-up's longer side
 MARGIN = 0.15  # of the hand's box, kept free around it
@@ -100,8 +100,8 @@ class Picture:
             f"{int(area[ours > 0].max(initial=0))}; give the mask of one hand",
         )
 
-    def _problem(self, kind: str, text: str) -> Problem:
-        return Problem(kind, self.name, text)  # type: ignore[arg-type]
+    def _problem(self, kind: Kind, text: str) -> Problem:
+        return Problem(kind, self.name, text)
 
 
 @dataclass(frozen=True, eq=False)

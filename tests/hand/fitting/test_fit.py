@@ -62,7 +62,7 @@ def test_a_sequence_has_one_shape_and_pictures_without_a_hand_are_left_out(someo
     ]
     pictures = [sitting.picture(rng, True, f"frame {i}") for i, sitting in enumerate(turned)]
     pictures[2] = replace(pictures[2], key_points=np.full((21, 2), np.nan))
-    fitted = fit(hand_model(), pictures, replace(BRIEF, together=2))
+    fitted = fit(hand_model(), pictures, replace(BRIEF, steps=10, together=2))
     assert fitted.converged, fitted.reason
     assert [own.pose is None for own in fitted.pictures] == [False, False, True, False]
     assert [problem.kind for problem in fitted.problems] == ["no key points"]
