@@ -9,13 +9,11 @@ from typing import Any, TypeAlias
 
 from ...errors import InputError
 from ...files import JSON_LIMIT, read_text
-from .presets import GENERATOR_VERSION, SCHEMA, SCHEMAS, recipe
+from .presets import GENERATOR_VERSION, SCHEMA, recipe
 
 Manifest: TypeAlias = dict[str, Any]
 
 FILE = "capture.json"
-# Generators whose captures are read: 2 made the smallest light stage, which ships with the package.
-GENERATORS = (2, GENERATOR_VERSION)
 _WIDEST = 1 << 15  # pixels a side of a picture
 
 
@@ -29,12 +27,11 @@ def read_manifest(path: Path) -> Manifest:
         schema, generator = found["schema"], found["generator"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(f"{path} cannot be read ({error}); delete it and make the capture again") from error
-    if schema not in SCHEMAS:
+    if schema != SCHEMA:
         raise InputError(f"{path} has schema {schema}, this version reads {SCHEMA}; make the capture again")
     try:
-        found = _of_schema_1(found) if schema == 1 else found
         remedy = f"handbench data make {found['capture']} --size {found['preset']['name']}"
-        if generator not in GENERATORS:
+        if generator != GENERATOR_VERSION:
             raise InputError(
                 f"{path.parent} was made by generator {generator}, this version has {GENERATOR_VERSION}; "
                 f"make it again: {remedy}"
@@ -45,34 +42,9 @@ def read_manifest(path: Path) -> Manifest:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         wrong = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else error
         raise InputError(f"{path} is damaged ({wrong}); delete it and make the capture again") from error
-    if schema > 1 and found["recipe"] != recipe(found["capture"], generator, found["preset"]):
+    if found["recipe"] != recipe(found["capture"], generator, found["preset"]):
         raise InputError(f"the preset in {path} was edited: it is not the one of its recipe; make it again: {remedy}")
     return found
-
-
-def _of_schema_1(found: Manifest) -> Manifest:
-    """A light stage of schema 1 in the words of today."""
-    people = [
-        {
-            **person,
-            "shape": None,
-            "estimated_shape": None,
-            "poses": [
-                {
-                    **pose,
-                    "moment": None,
-                    "estimate": None,
-                    "shots": [
-                        {"segment": pose["segment"], "cameras": None, "lightings": None, "estimated": False}
-                        | {"keypoints": {}, "device": None}
-                    ],
-                }
-                for pose in person["poses"]
-            ],
-        }
-        for person in found["subjects"]
-    ]
-    return {**found, "capture": "openstage", "meshes": "tracked", "mesh_level": 1, "subjects": people}
 
 
 def _check(found: Manifest) -> None:

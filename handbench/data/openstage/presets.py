@@ -11,9 +11,8 @@ from ...errors import unknown_name
 
 # Raise when the generator changes what any recipe produces: captures of another version are then made anew.
 GENERATOR_VERSION = 3
-# The layout of a capture folder, and those that can be read.
+# The layout of a capture folder; readers refuse another one.
 SCHEMA = 2
-SCHEMAS = (1, SCHEMA)
 
 CaptureName = Literal["openstage", "openscans", "openwild", "openphone"]
 """The captures that this generator makes."""
