@@ -37,6 +37,7 @@ _TOP = (
     *("metrics", "methods", "seeds", "preset", "presets", "aggregation", "sample_seed", "published", "published_note"),
 )
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")  # a run folder has it, so it is no path
+_CAPTURE = ("capture", "size")
 _PUBLISHED = ("method", "title", "marker", "source", "values")
 
 
@@ -59,6 +60,10 @@ def parse(table: Mapping[str, Any], origin: str) -> Protocol:
         raise InputError(f"{top.owner}: there is no [[column]]; add one, nothing would be scored")
     named = tuple(_column(f"{top.owner} column {i + 1}", column, trained, unseen) for i, column in enumerate(columns))
     _distinct(top.owner, "column name", [column.name for column in named])
+    train = top.table("train")
+    trains_on = _trains_on(f"{top.owner} [train]", train)
+    if trains_on is not None:
+        _only_unseen(top.owner, named, trained)
     presets = _Reader(f"{top.owner} [presets]", top.table("presets", default={}), None)
     metrics = top.texts("metrics")
     published = top.get("published", list, "[[published]] tables", [])
@@ -71,7 +76,7 @@ def parse(table: Mapping[str, Any], origin: str) -> Protocol:
         size=top.text("size"),
         trained=trained,
         unseen=unseen,
-        train=_selection(f"{top.owner} [train]", top.table("train")),
+        train=_selection(f"{top.owner} [train]", _selecting(train)),
         enrol=_enrolment(f"{top.owner} [enrol]", top.table("enrol")),
         columns=named,
         metrics=metrics,
@@ -86,7 +91,32 @@ def parse(table: Mapping[str, Any], origin: str) -> Protocol:
             for i, row in enumerate(published)
         ),
         published_note=top.text("published_note", default="", empty=True),
+        trains_on=trains_on,
     )
+
+
+def _selecting(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A [train] table without the capture it is of."""
+    return {key: value for key, value in table.items() if key not in _CAPTURE}
+
+
+def _trains_on(owner: str, table: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Name and size of the capture that a [train] table names, None for the protocol's own."""
+    given = {key: value for key, value in table.items() if key in _CAPTURE}
+    if not given:
+        return None
+    reader = _Reader(owner, given, _CAPTURE)
+    return reader.text("capture"), reader.text("size")
+
+
+def _only_unseen(owner: str, columns: Iterable[Column], trained: tuple[str, ...]) -> None:
+    for column in columns:
+        names = trained if column.subjects == "trained" else column.subjects
+        if not set(trained).isdisjoint(() if names == "unseen" else names):
+            raise InputError(
+                f"{owner}: column {column.name!r} scores trained subjects, who are in the capture of [train]; "
+                "score unseen ones"
+            )
 
 
 def _column(owner: str, table: Any, trained: tuple[str, ...], unseen: tuple[str, ...]) -> Column:

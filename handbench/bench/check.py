@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..data.capture import Capture, open_capture
+from ..data.capture import Capture
 from ..errors import Changed, HandbenchError, NonFinite, Unsupported
 from ..method import Avatar, Method, PosedAvatar, Prior, RecordedAvatar
 from ..registry import METHODS
@@ -22,9 +22,10 @@ from . import given
 from .drawing import light_refusal
 from .isolation import isolated
 from .lending import Lender, answered
+from .opening import open_data, select
 from .plan import check_preset, make_method
 from .progress import steps
-from .protocol import Protocol, Selected, resolve
+from .protocol import Protocol, Selected
 from .reader import CaptureReader, blame
 
 SAME = 1e-6  # largest deviation, relative to the brightest pixel, of answers that must be the same
@@ -49,14 +50,14 @@ def check(name: str, protocol: Protocol, preset: str | None = None, data: Path |
     check_preset((METHODS.entry(name),), preset)
     method = make_method(METHODS.entry(name), preset or protocol.preset_of(name))
     with steps() as told:
-        capture = open_capture(protocol.capture, protocol.size, data, told)
+        capture = open_data(protocol, data, told)
     return check_method(method, protocol, capture)
 
 
 def check_method(method: Method, protocol: Protocol, capture: Capture) -> list[Verdict]:
     """`check` for a method and a capture in hand."""
     with isolated():
-        return _tried(method, protocol, resolve(protocol, capture.frames(), capture.offers), CaptureReader(capture))
+        return _tried(method, protocol, select(protocol, capture), CaptureReader(capture))
 
 
 def _tried(method: Method, protocol: Protocol, selected: Selected, reader: CaptureReader) -> list[Verdict]:

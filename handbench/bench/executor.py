@@ -16,16 +16,17 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from ..data.capture import Capture, open_capture
+from ..data.capture import Capture
 from ..errors import InputError
 from ..memory import keep_freed_memory
 from ..method import Method, Progress
 from ..metricspec import MetricSpec
 from ..registry import CAPTURES, METRICS, Entry
 from ..results.record import CellRecord, Provenance
+from .opening import open_data, select
 from .plan import Cell, Plan, make_method, make_plan, method_entries, refusals
 from .progress import Steps
-from .protocol import Protocol, resolve
+from .protocol import Protocol
 from .store import Store
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class Job:
         return {name: self.preset or self.protocol.preset_of(name) for name in self.methods}
 
     def open_capture(self, told: Steps) -> Capture:
-        return open_capture(self.protocol.capture, self.protocol.size, self.data, told)
+        return open_data(self.protocol, self.data, told)
 
     def plan(self, capture: Capture) -> Plan:
         return make_plan(self.protocol, capture.digest, self.methods, self.seeds, self.preset, self.extra)
@@ -102,7 +103,7 @@ class Site:
         from .reader import CaptureReader
 
         store, tools = self.job.store, self.tools
-        selected = resolve(self.plan.protocol, self.capture.frames(), self.capture.offers)
+        selected = select(self.plan.protocol, self.capture)
         reader, priors = CaptureReader(self.capture), Priors(store)
         return Bench(self.plan.protocol, selected, reader, store, priors, tools.metrics, tools.metrics_module)
 
@@ -117,7 +118,9 @@ class Site:
         from .provenance import provenance
 
         metrics = (METRICS.entry(MetricSpec.parse(spec).name) for spec in self.plan.protocol.metrics)
-        plugins = (*self.job.entries.values(), *metrics, CAPTURES.entry(self.plan.protocol.capture))
+        protocol = self.plan.protocol
+        captures = {protocol.capture, *(protocol.trains_on or ())[:1]}
+        plugins = (*self.job.entries.values(), *metrics, *map(CAPTURES.entry, sorted(captures)))
         return provenance(list(self.job.command) or sys.argv, [entry.target for entry in plugins])
 
 

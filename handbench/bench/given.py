@@ -57,7 +57,7 @@ def refusal(selected: Selected, info: MethodInfo, subject: str) -> str | None:
     Known before anything trains, from what the method says of itself.
     """
     label, offers = selected.protocol.label, selected.offers & PARTS
-    trained = info.trains_on - offers - kinds_of(selected.train)
+    trained = info.trains_on - (selected.teaches & PARTS) - kinds_of(selected.train)
     if missing := _worded(trained & PARTS):
         return f"{info.title} trains on {missing}, which the capture does not offer"
     if missing := _worded(trained):

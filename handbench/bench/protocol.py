@@ -115,7 +115,8 @@ class Published:
 @dataclass(frozen=True)
 class Protocol:
     """A protocol as its TOML file says it. `presets` maps methods, or patterns of them, to their presets,
-    `preset` serves the others."""
+    `preset` serves the others. `trains_on` is name and size of the capture whose subjects are `trained`, None for the
+    capture that is scored."""
 
     name: str
     version: int
@@ -137,6 +138,7 @@ class Protocol:
     sample_seed: int = 0
     published: tuple[Published, ...] = ()
     published_note: str = ""
+    trains_on: tuple[str, str] | None = None
 
     @property
     def label(self) -> str:
@@ -162,21 +164,23 @@ class Protocol:
     @cached_property
     def training_digest(self) -> str:
         """Digest of what decides a prior: the training frames alone."""
-        return digest([self.capture, self.size, self.trained, asdict(self.train)])
+        return digest([*(self.trains_on or (self.capture, self.size)), self.trained, asdict(self.train)])
 
     @cached_property
     def digest(self) -> str:
         """Digest of everything that decides a score: not titles, default methods, seeds, presets, published numbers."""
         columns = [column.said for column in self.columns]
         said = [self.name, self.version, self.training_digest, self.unseen, self.enrol.said, columns]
-        return digest([*said, self.metrics, self.sample_seed])
+        scored = [] if self.trains_on is None else [self.capture, self.size]
+        return digest([*said, self.metrics, self.sample_seed, *scored])
 
 
 @dataclass(frozen=True)
 class Selected:
     """A protocol applied to a capture: frames of training, of enrolment, and scored ones by column name.
 
-    They are whole; `bench.given` says what a method sees of them. `offers` is what the capture has.
+    They are whole; `bench.given` says what a method sees of them. `offers` is what the capture has, `teaches` what that
+    has which is trained on.
     """
 
     protocol: Protocol
@@ -184,6 +188,7 @@ class Selected:
     enrol: tuple[Frame, ...]
     scored: dict[str, tuple[Frame, ...]]
     offers: frozenset[Need] = frozenset()
+    teaches: frozenset[Need] = frozenset()
 
     @cached_property
     def as_enrolled(self) -> frozenset[str]:
@@ -197,8 +202,15 @@ def digest(content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def resolve(protocol: Protocol, frames: Iterable[Frame], offers: frozenset[Need] | None = None) -> Selected:
+def resolve(
+    protocol: Protocol,
+    frames: Iterable[Frame],
+    offers: frozenset[Need] | None = None,
+    teaches: frozenset[Need] | None = None,
+) -> Selected:
     """Choose the frames a protocol names; `offers` is what their capture has, None for what the frames tell.
+
+    `teaches` is the same of the capture that is trained on, None for the same one.
 
     Raises `InputError` for a subject the capture lacks, a selection without frames, a subject that cannot be
     enrolled, and a column that has in common with training what it does not declare in `shares`. Lights are
@@ -224,7 +236,8 @@ def resolve(protocol: Protocol, frames: Iterable[Frame], offers: frozenset[Need]
         if column.light == "as enrolled":
             _check_enrolled_light(owner, column, chosen, enrol)
         scored[column.name] = sample(chosen, column.limit, protocol.sample_seed)
-    selected = Selected(protocol, train, enrol, scored, offered(frames) if offers is None else offers)
+    has = offered(frames) if offers is None else offers
+    selected = Selected(protocol, train, enrol, scored, has, has if teaches is None else teaches)
     for column in protocol.columns:
         both = [f.key for f in scored[column.name] if column.light == "given" and f.key in selected.as_enrolled]
         if both:

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..data.capture import Capture, open_capture
+from ..data.capture import Capture
 from ..data.predictions import Asked, read_folder, write_template
 from ..data.predictions.manifest import name_fits
 from ..errors import InputError
 from ..method import MethodInfo
 from ..registry import METHODS
 from . import given
+from .opening import open_data, select
 from .plan import make_method, method_entries
 from .progress import Steps, steps
-from .protocol import Protocol, Selected, resolve
+from .protocol import Protocol, Selected
 from .run import Outcome, run
 
 # Whoever draws elsewhere is told what any method is: [train] as a whole shows a subject's training frames too.
@@ -67,8 +68,8 @@ def template(protocol: Protocol, folder: Path, data: Path | None = None, images:
 
 
 def _asked(protocol: Protocol, data: Path | None, told: Steps) -> tuple[Asked, Selected, Capture]:
-    capture = open_capture(protocol.capture, protocol.size, data, told)
-    selected = resolve(protocol, capture.frames())
+    capture = open_data(protocol, data, told)
+    selected = select(protocol, capture)
     scored = {frame.key: frame for frames in selected.scored.values() for frame in frames}
     queries = [given.asked(selected, _ANY, frame) for frame in scored.values()]
     return Asked.of(protocol.label, protocol.digest, capture.digest, queries), selected, capture

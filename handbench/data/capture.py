@@ -48,6 +48,11 @@ class Capture(ABC):
         """What is to be known of this copy of it, in sentences."""
         return ()
 
+    @property
+    def teaches(self) -> frozenset[Need]:
+        """What the frames have that methods may train on; another capture's, see `Together`."""
+        return self.offers
+
     @abstractmethod
     def observe(self, frame: Frame) -> Observation:
         """The images of a frame. Raises `InputError` if a file is missing, damaged or of the wrong size."""

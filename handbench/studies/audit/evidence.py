@@ -10,14 +10,15 @@ from types import ModuleType
 from typing import Any, TypeAlias
 
 from ...bench.cell import Bench
+from ...bench.opening import open_data, select
 from ...bench.plan import Plan, make_plan
 from ...bench.priors import Priors
 from ...bench.progress import steps
-from ...bench.protocol import Protocol, Selected, resolve
+from ...bench.protocol import Protocol, Selected
 from ...bench.reader import CaptureReader
 from ...bench.run import find_protocol
 from ...bench.store import Store
-from ...data.capture import Capture, open_capture
+from ...data.capture import Capture
 from ...errors import InputError
 from ...registry import METHODS
 from ...results.reading import read_run
@@ -46,7 +47,7 @@ class Evidence:
     @cached_property
     def selected(self) -> Selected:
         """The protocol applied to the capture. Raises `InputError` as `resolve` does."""
-        return resolve(self.protocol, self.capture.frames())
+        return select(self.protocol, self.capture)
 
     @cached_property
     def foreign(self) -> set[str]:
@@ -120,7 +121,7 @@ def gather(folder: Path, tables: Tables, protocol: str | None, data: Path | None
             "give the run's own file with --protocol"
         )
     with steps() as progress:
-        capture = open_capture(found.capture, found.size, data, progress)
+        capture = open_data(found, data, progress)
     if capture.digest != data_of_run.digest:
         raise InputError(
             f"capture {capture.name} has digest {capture.digest}, {folder} was run on {data_of_run.digest}; "
