@@ -22,7 +22,7 @@ from ...scene import Array, Camera, Directional, Environment, Group, Light, Mesh
 from .case import Case
 from .outcome import Compared, Expected, equal, finite, finite_or, or_refused, refused
 from .scenes import WHITE, camera, crumpled, flipped, moved, pointlike, torn, unit
-from .trained import damaged, poisoned, smallest, trained_method
+from .trained import damaged, lacking, poisoned, smallest, trained_method
 
 LIMIT = 90.0
 """Seconds: the first case of a method trains it."""
@@ -60,6 +60,9 @@ def _of_method(name: str) -> Iterator[Case]:
         info = smallest(name).info
     except HandbenchError:
         return  # the case above tells
+    if lacking(info):
+        yield case("a capture without what it needs", refused(Unsupported), _relit, lambda query: query)
+        return
     yield case("trains and draws", finite(), _relit, lambda query: query)
     yield case("no training frames", finite_or(Unsupported, InputError), _trained_on_nothing)
     yield case("no enrolment frames", finite_or(Unsupported, InputError), _enrolled, lambda _: None)

@@ -19,8 +19,8 @@ from ...bench.reader import CaptureReader
 from ...bench.run import find_protocol
 from ...data.capture import Capture
 from ...errors import InputError, Unsupported
-from ...method import Avatar, Method, Prior
-from ...recording import Recording
+from ...method import Avatar, Method, MethodInfo, Prior
+from ...recording import PARTS, Recording
 from ...registry import CAPTURES, METHODS, PROTOCOLS
 from ...scene import Query
 
@@ -54,6 +54,11 @@ def smallest(name: str) -> Method:
         return create(preset="smoke")
     except InputError:
         return create(preset=PROTOCOLS.load("smoke").preset_of(name))
+
+
+def lacking(info: MethodInfo) -> bool:
+    """Whether the shipped light stage has not what a method needs, so that nothing can be tried but the refusal."""
+    return bool((info.needs & PARTS) - _capture().offers)
 
 
 def trained_method(name: str) -> Trained:
