@@ -1,0 +1,111 @@
+"""UHM-style adaptation (Moon et al., CVPR 2024) behind the one interface, without UHM's own hand model."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.scene import LIGHT_KINDS, Light, Prediction, Unknown, Viewpoint, needed
+
+from ..kit.albedo import Canvas
+from ..kit.colourspace import to_linear
+from ..kit.enrolled import enrolled
+from ..kit.weights import load_state, save_state
+from .adaptation import Adapted, adapted
+from .config import UhmConfig
+
+_ALIKE = 12.0
+"""How fast pictures whose normals differ lose their say in a new pose's shadow: half at 19 degrees."""
+
+INFO = MethodInfo(
+    name="uhm",
+    title="UHM-style",
+    summary="fitted hand, shadow maps of every picture, a texture without them, refined; relit as an albedo",
+    universal=True,
+    linear=True,
+    needs=frozenset({"image", "alpha", "camera", "keypoints"}),
+    lights=LIGHT_KINDS,
+    fidelity="reimplementation in the style of UHM's adaptation on another hand model; no prior, no network of theirs",
+)
+
+
+class PosedUhm(PosedAvatar):
+    """The textured hand in a pose, and what a camera sees of it."""
+
+    def __init__(self, person: Adapted, viewpoint: Viewpoint) -> None:
+        self._person = person
+        config = person.config
+        self._canvas = Canvas(person.mesh(needed(viewpoint.pose, "pose")), viewpoint.camera, config.texture)
+        self._texels = torch.from_numpy(self._canvas.texels)
+        self._texture = person.texture[:, self._texels]
+
+    @torch.no_grad()
+    def relight(self, light: Light) -> Prediction:
+        """Under a known light the texture is an albedo; under an unknown one it has the shadow of enrolled poses.
+
+        UHM has no reflectance and tells no way to relight it. Assumed here: its texture, which is what a picture would
+        be without shadow, is pi times what a diffuse surface of that albedo sends back under unit irradiance.
+        """
+        config = self._person.config
+        if isinstance(light, Unknown):
+            return self._canvas.drawn(to_linear(self._texture * self._shadow(), config.space))
+        albedo = to_linear(self._texture, config.space)
+        return self._canvas.lit(light, albedo, None, config.gloss, config.environment_error)
+
+    def _shadow(self) -> torch.Tensor:
+        """The shadow (n,) of this pose: of the enrolled ones in which a texel faced the same way, by a kernel.
+
+        It stands for ShadowNet, which is asked with pose and normals. Texels that no picture showed have the shadow
+        that their optimisation left them.
+        """
+        person, chosen = self._person, self._texels
+        cosine = (person.normals[:, chosen] * self._canvas.normal.T).sum(dim=2)
+        weight = torch.exp(_ALIKE * (cosine - 1.0)) * (person.seen[:, chosen] + 1e-3)
+        return (weight * person.shadows[:, chosen]).sum(dim=0) / weight.sum(dim=0)
+
+
+class UhmAvatar(Avatar):
+    def __init__(self, person: Adapted) -> None:
+        self.person = person
+
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        return PosedUhm(self.person, viewpoint)
+
+
+class UhmPrior(Prior):
+    """There is none: the hand model brings the shapes, the rest is of the enrolled person alone."""
+
+    def __init__(self, config: UhmConfig) -> None:
+        self._config = config
+
+    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
+        """Fits the hand model (`hand.fitting`: key points 1, mask 50, depth 100), then shadows and texture.
+
+        Raises `Unsupported` with the fit's reason if no hand is found.
+        """
+        return UhmAvatar(adapted(enrolled(enrolment, self._config.frames), self._config, seed, progress))
+
+    def save(self, folder: Path) -> None:
+        save_state(folder, INFO.name, asdict(self._config), {"none": torch.zeros(1)})
+
+
+class Uhm(Method):
+    info = INFO
+
+    def __init__(self, config: UhmConfig) -> None:
+        self._config = config
+
+    @property
+    def config(self) -> dict[str, Any]:
+        return asdict(self._config)
+
+    def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
+        return UhmPrior(self._config)
+
+    def load(self, folder: Path) -> Prior:
+        load_state(folder, self.info.name, asdict(self._config))
+        return UhmPrior(self._config)
