@@ -52,6 +52,16 @@ ENTRIES: tuple[Entry, ...] = (
     Entry(
         "mean-phone", "handbench.methods.phone.mean:create", "the mean of the scan's pictures: the floor", presets=False
     ),
+    Entry(
+        "harp",
+        "handbench.methods.harp:create",
+        "HARP: displaced hand, albedo and normal map in one point light, from pictures in unknown light",
+    ),
+    Entry(
+        "uhm",
+        "handbench.methods.uhm:create",
+        "UHM-style adaptation: texture without shadows on a fitted hand, from pictures in unknown light",
+    ),
     *(
         Entry(
             f"{name}-tracked",

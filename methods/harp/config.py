@@ -29,29 +29,34 @@ class HarpConfig:
     """The settings of a personalisation, and of how its result is relit.
 
     frames      enrolled pictures that are looked at, spread evenly; side: pixels of a close-up's longer side
+    supersample rays along a pixel's side: one would leave many texels to the smoothness alone
     level       of the hand's subdivision, once as in the paper
     texture     side of albedo and normal map in texels
     steps       with shape alone, with both, with appearance alone; batch: pictures a step
     rate        of Adam for shape and poses; appearance_rate for albedo, normals and light
+    decay       whether the latter falls to nothing (quick fits would keep the noise of single steps)
     refresh     steps of a picture after which its rays and shadows are cast anew
     space       in which colours are multiplied: "display" as the authors' code, whose pictures are sRGB values, or
                 "linear", as light adds; either way losses compare display values
     tangents    frames of the normal map: "duff", of the normal alone as in the code (so a normal map turns with the
                 hand), or "uv", along the texture
-    start       of light and albedo: "released" are the code's constants, "seen" come from the pictures' mean colour
-                and from how their brightness follows the normals
+    start       of light and albedo: "released" are the code's constants, "seen" come from how the pictures' brightness
+                follows the normals, and from what is left of their texels without that
     unseen      texels that no picture showed: "start" leaves them, "completed" takes what was seen elsewhere
+    weights     of the losses; "quick" trusts its few pictures more than smoothness
     gloss       None: relit as Lambert's; else the roughness of a specular lobe with F0 = 0.04
     """
 
     frames: int = 8
     side: int = 176
+    supersample: int = 2
     level: int = 1
-    texture: int = 192
-    steps: tuple[int, int, int] = (64, 80, 240)
+    texture: int = 128
+    steps: tuple[int, int, int] = (48, 72, 120)
     batch: int = 1
     rate: float = 3e-4
-    appearance_rate: float = 1e-2
+    appearance_rate: float = 6e-3
+    decay: bool = True
     refresh: int = 6
     shadow_size: int = 192
     space: Literal["linear", "display"] = "linear"
@@ -60,7 +65,7 @@ class HarpConfig:
     unseen: Literal["completed", "start"] = "completed"
     gloss: float | None = None
     environment_error: float = ENVIRONMENT_ERROR
-    weights: Weights = field(default_factory=Weights)
+    weights: Weights = field(default_factory=lambda: Weights(albedo=0.1))
 
 
 PRESETS = {
@@ -70,10 +75,13 @@ PRESETS = {
     "released": HarpConfig(
         frames=180,
         side=448,
+        supersample=1,
         texture=512,
         steps=(1000, 1000, 1000),
         batch=18,
         rate=1e-3,
+        appearance_rate=1e-2,
+        decay=False,
         refresh=1,
         shadow_size=448,
         space="display",
@@ -81,5 +89,6 @@ PRESETS = {
         start="released",
         unseen="start",
         environment_error=0.0,
+        weights=Weights(),
     ),
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -23,57 +23,26 @@ from handbench.render.uv.unwrap import TexelSurface
 from handbench.scene import Array, Mesh
 
 from ..kit.closeup import CloseUp
-from ..kit.colourspace import to_display, to_model
+from ..kit.colourspace import to_display
 from ..kit.enrolled import Enrolled
 from ..kit.perceptual import patch, perceptual_loss
 from . import losses
 from .config import HarpConfig
 from .look import AMBIENT, LIGHT, SKIN, Look, shade
+from .picture import Picture, Samples
 from .shadow import visibility
+from .start import lit_from
 from .surface import Surface, mapped
 
-_EATEN = 2  # times the mask's edge is eaten by 3 x 3 before colours are compared
 _PATIENCE = 40  # epochs without progress after which the rate of shape and poses falls to a tenth
 _TELL = 10  # steps
+_FEW = 50  # samples that tell a light
 _STEEPEST = 0.15  # cosine below which a picture tells nothing of a texel
 
 
 def fitted(enrolled: Enrolled, config: HarpConfig, seed: int, progress: Progress) -> Look:
     """The look of an enrolment. Raises `Unsupported` if no picture shows it, `NonFinite` if it breaks."""
     return _Fit(enrolled, config, seed).run(progress)
-
-
-@dataclass(eq=False)
-class _Samples:
-    """Pixels (P,) inside a close-up's mask that the surface covers, and where on the surface they are."""
-
-    pixel: Tensor
-    face: Tensor
-    barycentric: Tensor
-    uv: Tensor
-    age: int = 0
-    visible: Tensor | None = None
-
-
-class _Picture:
-    """A close-up, its colours (3, h, w) in the model's space and as display values, and the unknown pose."""
-
-    def __init__(self, close: CloseUp, pose: tuple[Array, Array, Array], config: HarpConfig) -> None:
-        self.close = close
-        self.start = torch.tensor(pose[0]).float()
-        self.joints = torch.zeros_like(self.start, requires_grad=True)
-        self.rotation, self.translation = (torch.tensor(part).float().requires_grad_() for part in pose[1:])
-        model = np.moveaxis(to_model(close.image, config.space), -1, 0)
-        self.colour = torch.from_numpy(np.ascontiguousarray(model))
-        self.image = to_display(self.colour, config.space)
-        self.alpha = torch.from_numpy(close.alpha)
-        self.inner = close.inner(_EATEN)
-        self.points: Tensor | None = None
-        self.samples: _Samples | None = None
-
-    @property
-    def unknowns(self) -> list[Tensor]:
-        return [self.joints, self.rotation, self.translation]
 
 
 class _Fit:
@@ -85,14 +54,18 @@ class _Fit:
         self._free = self._free.unflatten(0, (-1, 3))
         self._basis = torch.from_numpy(space.shape_basis).float()
         self._shape = torch.tensor(np.asarray(enrolled.shape, dtype=np.float64)).float()
-        self._weights = torch.tensor(self.hand.point_weights).float()
+        self._rest = self.hand.rest_points(self._shape)[1]
+        self._weights, self._frames = (
+            torch.tensor(part).float() for part in (self.hand.point_weights, self.hand.frames)
+        )
         self.pictures = []
         for seen in enrolled.pictures:
             close = CloseUp.of(seen.camera, seen.observation.image, seen.observation.alpha, config.side)  # type: ignore[arg-type]
             pose = (seen.pose.joints.copy(), seen.pose.rotation.copy(), seen.pose.translation.copy())
-            self.pictures.append(_Picture(close, pose, config))
+            self.pictures.append(Picture(close, pose, config))
         size = config.texture
-        self.used = torch.from_numpy(Atlas.of(self.surface.topology, size).covered)
+        self._atlas = Atlas.of(self.surface.topology, size)
+        self.used = torch.from_numpy(self._atlas.covered)
         self.z = torch.zeros(self._basis.shape[1], requires_grad=True)
         self.offset = torch.zeros(self.surface.count, requires_grad=True)
         self.albedo = torch.tensor(SKIN)[:, None, None].repeat(1, size, size).requires_grad_()
@@ -112,6 +85,7 @@ class _Fit:
         appearance = [self.light, self.ambient, self.albedo, self.normal_map]
         shaping = torch.optim.Adam(geometry, config.rate)
         painting = torch.optim.Adam(appearance, config.appearance_rate)
+        falling = torch.optim.lr_scheduler.LambdaLR(painting, partial(_falling, self.config))
         plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(shaping, patience=_PATIENCE)
         with torch.no_grad():
             self._edges = self.surface.lengths(self._vertices(self.pictures[0]))
@@ -137,6 +111,7 @@ class _Fit:
                 shaping.step()
             if paints:
                 painting.step()
+                falling.step()
             told.append(value)
             if shapes and (step + 1) % epoch == 0:
                 plateau.step(float(np.mean(told[-epoch:])))
@@ -153,61 +128,53 @@ class _Fit:
         parts = (self.offset, self.albedo, self.normal_map, self.light, self.ambient)
         offset, albedo, normal_map, light, ambient = (part.detach().clone() for part in parts)
         if self.config.unseen == "completed":
-            albedo = self._completed(albedo)
+            albedo = self._without_gaps(albedo)
         return Look(self.config, self.surface, shape, offset, albedo, normal_map, light, ambient)
 
     @torch.no_grad()
-    def _completed(self, albedo: Tensor) -> Tensor:
+    def _without_gaps(self, albedo: Tensor) -> Tensor:
         """The albedo with texels that no picture showed filled in from those that were."""
-        atlas = Atlas.of(self.surface.topology, self.config.texture)
-        seen = np.zeros(atlas.count, dtype=bool)
+        seen = np.zeros(self._atlas.count, dtype=bool)
         for picture in self.pictures:
-            mesh = PosedMesh(Mesh(self._vertices(picture).double().numpy(), self.surface.topology))
-            close, inner = picture.close, picture.inner.astype(np.float32)
-            shown = TexelSurface.of(mesh, atlas).project(close.camera, inner[..., None], inner, _STEEPEST)
-            seen |= shown.weight > 0
-        if not seen.any():
-            raise Unsupported("no enrolled picture shows the hand where its pose was found")
-        flat = atlas.gather(albedo).clamp_min(0.0).double().numpy()
-        filled = completed(self.hand, self.surface.level, atlas, flat, seen).colour
-        return atlas.scatter(torch.from_numpy(filled).float())
+            inner = picture.inner.astype(np.float32)
+            seen |= (
+                self._texels(picture)[1].project(picture.close.camera, inner[..., None], inner, _STEEPEST).weight > 0
+            )
+        return self._completed(self._atlas.gather(albedo).clamp_min(0.0).double().numpy(), seen)
 
     # -- the surface ------------------------------------------------------------------------------------------------
 
-    def _vertices(self, picture: _Picture) -> Tensor:
+    def _vertices(self, picture: Picture) -> Tensor:
         return self.surface.posed(*self._pose(picture), self.offset)
 
-    def _pose(self, picture: _Picture) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def _pose(self, picture: Picture) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         joints = picture.start + self._free * picture.joints
         return self._shape + self._basis @ self.z, joints, picture.rotation, picture.translation
 
-    def _points(self, picture: _Picture) -> Tensor:
-        """Key points (21, 3) of a picture from the wrist, metres."""
-        shape, joints, rotation, translation = self._pose(picture)
-        hand = self.hand
-        _, points = hand.rest_points(shape)
-        heads = points[: len(hand.parents)]
-        frames = torch.tensor(hand.frames).float()
-        moved = linear_blend(points, heads, hand.parents, self._weights, frames, joints, rotation, translation)
-        chosen = self.surface.size * moved[list(hand.key_points)]
+    def _points(self, picture: Picture) -> Tensor:
+        """Key points (21, 3) of a picture from the wrist, metres, of the fitted shape: they anchor the pose."""
+        hand, (_, joints, rotation, translation) = self.hand, self._pose(picture)
+        heads = self._rest[: len(hand.parents)]
+        carried = (self._rest, heads, hand.parents, self._weights, self._frames, joints, rotation, translation)
+        chosen = self.surface.size * linear_blend(*carried)[list(hand.key_points)]
         return chosen - chosen[:1]
 
-    def _sampled(self, picture: _Picture, vertices: Tensor) -> _Samples:
+    def _sampled(self, picture: Picture, vertices: Tensor) -> Samples:
         """The picture's samples, cast anew after `refresh` uses."""
         kept = picture.samples
         if kept is None or kept.age >= self.config.refresh:
             mesh = Mesh(vertices.detach().double().numpy(), self.surface.topology)
-            found = rasterise(mesh, picture.close.camera, 1)
+            found = rasterise(mesh, picture.close.camera, self.config.supersample)
             inside = np.flatnonzero(picture.inner.ravel()[found.pixel])
             parts = (found.pixel.astype(np.int64), found.face.astype(np.int64), found.barycentric, found.uv)
             pixel, face, barycentric, uv = (torch.from_numpy(part[inside]) for part in parts)
-            kept = picture.samples = _Samples(pixel, face, barycentric, uv.float())
+            kept = picture.samples = Samples(pixel, face, barycentric, uv.float())
         kept.age += 1
         return kept
 
     # -- the losses -------------------------------------------------------------------------------------------------
 
-    def _loss(self, picture: _Picture, shapes: bool, paints: bool) -> Tensor:
+    def _loss(self, picture: Picture, shapes: bool, paints: bool) -> Tensor:
         weights = self.config.weights
         with torch.set_grad_enabled(shapes):
             vertices = self._vertices(picture)
@@ -229,24 +196,25 @@ class _Fit:
             total = total + weights.normal_map * losses.normal_regulariser(self.normal_map, self.used, self._generator)
         return total
 
-    def _appearance(self, picture: _Picture, vertices: Tensor) -> Tensor:
+    def _appearance(self, picture: Picture, vertices: Tensor) -> Tensor:
         """Photometric and perceptual losses. A pixel's point on the surface carries its colour along when the surface
         moves: the colour is compared with the picture at the place where the point is seen."""
         samples, (height, width) = self._sampled(picture, vertices), picture.alpha.shape
         colour, position = self._colour(picture, samples, vertices)
         place = seen_at(position, picture.close.camera)[0]
         truth = _looked_up(picture.image, place / torch.tensor([width, height]))
-        photometric = (colour - truth).abs().sum() / (3 * height * width)
+        share = 1.0 / self.config.supersample**2
+        photometric = share * (colour - truth).abs().sum() / (3 * height * width)
         rows, columns = patch(height, width, self._random)
         blank = torch.zeros(3, height * width)
         drawn, wanted = (
-            blank.index_copy(1, samples.pixel, part).unflatten(1, (height, width))[:, rows, columns]
+            blank.index_add(1, samples.pixel, share * part).unflatten(1, (height, width))[:, rows, columns]
             for part in (colour, truth.detach())
         )
         perceptual = perceptual_loss(drawn[None], wanted)[0]
         return self.config.weights.photometric * photometric + self.config.weights.perceptual * perceptual
 
-    def _colour(self, picture: _Picture, samples: _Samples, vertices: Tensor) -> tuple[Tensor, Tensor]:
+    def _colour(self, picture: Picture, samples: Samples, vertices: Tensor) -> tuple[Tensor, Tensor]:
         """Display colours (3, P) and positions (P, 3) of samples."""
         position, smooth, along = self._at(samples, vertices)
         values = _looked_up(self.normal_map, _flipped(samples.uv)).T
@@ -259,7 +227,7 @@ class _Fit:
         albedo = _looked_up(self.albedo, _flipped(samples.uv))
         return to_display(albedo * shading, self.config.space), position
 
-    def _at(self, samples: _Samples, vertices: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def _at(self, samples: Samples, vertices: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Position, smooth unit normal and tangent (P, 3) of samples."""
         corners, share = self.surface.faces[samples.face], samples.barycentric[..., None]
         position = (share * vertices[corners]).sum(dim=1)
@@ -270,27 +238,53 @@ class _Fit:
 
     @torch.no_grad()
     def _start_from_what_is_seen(self) -> None:
-        """Light where brightness grows along normals, and the pictures' mean colour over the mean shading as albedo."""
+        """Light, ambient share, then albedo by least squares of the pictures."""
         shown, facing = [], []
         for picture in self.pictures:
             vertices = self._vertices(picture)
             samples = self._sampled(picture, vertices)
-            _, smooth, _ = self._at(samples, vertices)
-            facing.append(smooth)
+            facing.append(self._at(samples, vertices)[1])
             shown.append(picture.colour.flatten(1)[:, samples.pixel])
-        normal, colour = torch.cat(facing), torch.cat(shown, dim=1)
-        if not len(normal):
-            raise Unsupported("no enrolled picture shows the inside of the hand; are the masks right?")
-        terms = torch.cat([torch.ones(len(normal), 1), normal], dim=1).double()
-        grown = torch.linalg.lstsq(terms, colour.mean(dim=0).double()[:, None]).solution[1:, 0].float()
-        if float(grown.norm()) > 1e-4:
-            middle = torch.stack([picture.translation for picture in self.pictures]).mean(dim=0)
-            distance = (self.light - middle).norm()
-            self.light.copy_(middle + distance * F.normalize(grown, dim=0))
-        every = torch.ones(len(normal))
+        normal, colour = torch.cat(facing).numpy(), torch.cat(shown, dim=1)
+        if len(normal) < _FEW:
+            raise Unsupported("no enrolled picture shows the inside of the hand where its pose was found")
+        share, towards = lit_from(normal, colour.mean(dim=0).numpy())
         middle = torch.stack([picture.translation for picture in self.pictures]).mean(dim=0)
-        shading = shade(middle.expand(len(normal), 3), normal, every, self.light, self.ambient).mean()
-        self.albedo.copy_((colour.mean(dim=1) / shading)[:, None, None].expand_as(self.albedo))
+        self.light.copy_(middle + (self.light - middle).norm() * torch.from_numpy(towards).float())
+        self.ambient.fill_(float(np.log(share / (1.0 - share))))
+        self.albedo.copy_(self._unshaded())
+
+    def _unshaded(self) -> Tensor:
+        """The albedo (3, R, R) that explains the pictures' texels best in the light as it is (least squares)."""
+        atlas = self._atlas
+        total, weight = np.zeros((3, atlas.count)), np.zeros(atlas.count)
+        for picture in self.pictures:
+            mesh, surface = self._texels(picture)
+            shown = surface.project(picture.close.camera, picture.model, picture.inner.astype(np.float32), _STEEPEST)
+            seen = visibility(mesh, self.light.numpy(), surface.position, self.config.shadow_size)
+            position, normal, seen = (
+                torch.from_numpy(part).float() for part in (surface.position, surface.normal, seen)
+            )
+            shading = shade(position, normal, seen, self.light, self.ambient).numpy()
+            total += shown.weight * shading * shown.colour
+            weight += shown.weight * shading**2
+        return self._completed(total / np.maximum(weight, 1e-9), weight > 0)
+
+    def _texels(self, picture: Picture) -> tuple[PosedMesh, TexelSurface]:
+        mesh = PosedMesh(Mesh(self._vertices(picture).double().numpy(), self.surface.topology))
+        return mesh, TexelSurface.of(mesh, self._atlas)
+
+    def _completed(self, colour: Array, seen: Array) -> Tensor:
+        """A map (3, R, R) of colours (3, N) of which only some were seen."""
+        if not seen.any():
+            raise Unsupported("no enrolled picture shows the hand where its pose was found")
+        filled = completed(self.hand, self.surface.level, self._atlas, colour, seen).colour
+        return self._atlas.dilate(self._atlas.scatter(torch.from_numpy(filled).float()))
+
+
+def _falling(config: HarpConfig, step: int) -> float:
+    """Of the appearance's rate at a step: all of it, or with `decay` a cosine's share."""
+    return 0.5 + 0.5 * float(np.cos(np.pi * min(1.0, step / sum(config.steps[1:])))) if config.decay else 1.0
 
 
 def _flipped(uv: Tensor) -> Tensor:

@@ -100,8 +100,8 @@ class _Adaptation:
         model = to_model(close.image, config.space)
         surface = TexelSurface.of(mesh, self.atlas)
         shown = surface.project(close.camera, model, close.inner(_EATEN, 5).astype(np.float32))
-        raster = rasterise(mesh, close.camera, 1)
-        mask = torch.from_numpy((raster.alpha > 0) & close.inner(0))
+        raster = rasterise(mesh, close.camera, 2)
+        mask = torch.from_numpy((raster.alpha > 0.99) & close.inner(0))
         image = to_display(torch.from_numpy(np.moveaxis(model, -1, 0).copy()), config.space)
         colour, normal = (torch.from_numpy(part).float() for part in (shown.colour, surface.normal))
         return _Picture(close, image, mask, raster, colour, torch.from_numpy(shown.weight > 0), normal)
@@ -170,8 +170,8 @@ class _Adaptation:
         adam = torch.optim.Adam([texture], self.config.refine_rate)
         right, _, up, _ = self.atlas.neighbours(texture.device)
         unseen = ~self.seen.any(dim=0)
-        order = self._order()
-        for step in range(self.config.refine_steps):
+        order, steps = self._order(), self.config.refine_steps
+        for step in range(steps):
             adam.zero_grad()
             which = next(order)
             drawn = self._drawn(self.pictures[which], texture * shadows[which])
@@ -180,6 +180,7 @@ class _Adaptation:
                 loss = loss + self._weight * (unseen * (texture.index_select(1, other) - texture) ** 2).mean()
             _checked(loss, step)
             loss.backward()
+            adam.param_groups[0]["lr"] = self.config.refine_rate * (1.0 - self.config.decay * step / steps)
             adam.step()
             _tell(progress, self.config.shadow_steps + step + 1, total, loss)
         return texture.detach().clamp_min(0.0)

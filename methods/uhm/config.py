@@ -26,7 +26,8 @@ class UhmConfig:
 
     frames      enrolled pictures that are looked at, spread evenly; side: pixels of a close-up's longer side
     level       of the hand's subdivision; texture: side of the texture and of shadow maps in texels
-    shadow_steps, shadow_rate   of Adam for the shadow maps; refine_steps, refine_rate: for the texture
+    shadow_steps, shadow_rate   of Adam for the shadow maps; refine_steps, refine_rate: for the
+                texture, whose rate falls by the share `decay` in a straight line
     space       in which shadows multiply: "display" as UHM, whose pictures are sRGB values, or "linear", as light adds
     gloss       None: relit as Lambert's; else the roughness of a specular lobe with F0 = 0.04
     """
@@ -38,7 +39,8 @@ class UhmConfig:
     shadow_steps: int = 60
     shadow_rate: float = 5e-2
     refine_steps: int = 120
-    refine_rate: float = 1e-2
+    refine_rate: float = 4e-3
+    decay: float = 1.0
     space: Literal["linear", "display"] = "linear"
     gloss: float | None = None
     environment_error: float = ENVIRONMENT_ERROR
@@ -52,6 +54,8 @@ _PAPER = UhmConfig(
     shadow_steps=1500,
     shadow_rate=1e-2,
     refine_steps=1500,
+    refine_rate=1e-2,
+    decay=0.0,
     space="display",
     environment_error=0.0,
 )
