@@ -23,6 +23,11 @@ ENTRIES: tuple[Entry, ...] = (
         "mean texture, the parametric BRDF of URHand on the coarse mesh",
     ),
     Entry(
+        "transfer",
+        "handbench.methods.transfer:create",
+        "per texel, least squares of a spherical-harmonic transfer over one person's training light",
+    ),
+    Entry(
         "relightablehands",
         "handbench.methods.relightablehands:create",
         "texture decoder of one identity on a mesh, one pass a light",

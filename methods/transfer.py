@@ -1,0 +1,220 @@
+"""Light transfer of one person, texel by texel: least squares over training light, without a network or a paper.
+
+A texel answers to light as to its spherical harmonics in the texel's own frame, colour(t) = sum_i c_i(t) L_i(t), so
+what it learned turns with the surface: shadows, bounces and scattering of the training poses are in c. The answer
+does not depend on the camera, and it is linear in the light, whatever light that is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from handbench.errors import Unsupported, unknown_name
+from handbench.light.harmonics import cosine_lobe, harmonics
+from handbench.light.lightset import LightSet, light_samples
+from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.render.see.posedmesh import PosedMesh
+from handbench.render.see.raster import rasterise
+from handbench.render.uv.atlas import Atlas
+from handbench.render.uv.surface import unit_rows
+from handbench.render.uv.unwrap import TexelSurface
+from handbench.scene import KNOWN_LIGHTS, Array, Light, Mesh, Prediction, Viewpoint, needed
+
+from .kit.picture import prediction
+from .kit.weights import load_state, save_state
+
+_TOGETHER = 16  # lights at a time: bounds memory
+
+
+@dataclass(frozen=True)
+class TransferConfig:
+    """texture: side in texels; degree of the harmonics, at most 3; held: weight, in pictures, of what every texel would
+    answer if it were matt and of its mean colour: what little light was seen from is that."""
+
+    texture: int = 128
+    degree: int = 3
+    held: float = 0.5
+
+
+INFO = MethodInfo(
+    name="transfer",
+    title="SH transfer",
+    summary="per texel, least squares of a spherical-harmonic transfer over one person's training light",
+    linear=True,
+    needs=frozenset({"image", "alpha", "camera", "mesh", "uv", "light", "olat or group"}),
+    lights=KNOWN_LIGHTS,
+    fidelity="reference: no learned network",
+)
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Positions (N, 3) of the texels of a posed mesh, and in each an orthonormal frame (N, 3, 3) that turns with the
+    surface: rows tangent, bitangent, normal."""
+
+    position: Array
+    axes: Array
+
+    @staticmethod
+    def of(mesh: PosedMesh, atlas: Atlas) -> Frames:
+        normal = unit_rows(atlas.interpolate(mesh.normals))
+        uvs, uv_faces = mesh.topology.unwrapped
+        corners, places = mesh.vertices[mesh.topology.faces[atlas.face]], uvs[uv_faces[atlas.face]]
+        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        u, v = places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]
+        side = np.sign(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        along = side[:, None] * (
+            a * v[:, 1:] - b * u[:, 1:]
+        )  # up to its length the derivative by the texture's first axis
+        tangent = unit_rows(along - (along * normal).sum(axis=1, keepdims=True) * normal)
+        axes = np.stack([tangent, np.cross(normal, tangent), normal], axis=1)
+        return Frames(atlas.interpolate(mesh.vertices), axes)
+
+    def light(self, lights: LightSet, degree: int) -> Array:
+        """The harmonics (N, K, 3) of lights as each texel sees them, in its own frame."""
+        count = (degree + 1) ** 2
+        found = np.zeros((len(self.position), count, 3))
+        for first in range(0, len(lights.directions), _TOGETHER):
+            some = slice(first, first + _TOGETHER)
+            local = np.einsum("nij,lj->nli", self.axes, lights.directions[some])
+            found += np.einsum("nlk,lc->nkc", harmonics(local, degree), lights.irradiance[some])
+        for place, intensity in zip(lights.positions, lights.intensities, strict=True):
+            towards = place - self.position
+            far2 = np.maximum((towards**2).sum(axis=1), 1e-8)
+            local = np.einsum("nij,nj->ni", self.axes, towards / np.sqrt(far2)[:, None])
+            found += harmonics(local, degree)[..., None] * (intensity / far2[:, None])[:, None, :]
+        return found
+
+
+class TransferAvatar(Avatar):
+    """A person's transfer (N, K, 3) at the texels of an atlas."""
+
+    def __init__(self, transfer: Array, config: TransferConfig) -> None:
+        self._transfer, self._config = transfer, config
+
+    def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        return PosedTransfer(self._transfer, self._config, needed(viewpoint.mesh, "mesh"), viewpoint)
+
+
+class PosedTransfer(PosedAvatar):
+    """The texels' frames, and what the camera sees of them."""
+
+    def __init__(self, transfer: Array, config: TransferConfig, mesh: Mesh, viewpoint: Viewpoint) -> None:
+        posed = PosedMesh.of(mesh)
+        self._transfer, self._config = transfer, config
+        self._atlas = Atlas.of(mesh.topology, config.texture)
+        if self._atlas.count != len(transfer):
+            raise Unsupported(f"{viewpoint.pose_key} has a mesh of another topology than the training frames")
+        self._frames = Frames.of(posed, self._atlas)
+        self._raster = rasterise(posed, viewpoint.camera)
+
+    def relight(self, light: Light) -> Prediction:
+        seen = self._frames.light(light_samples(light), self._config.degree)
+        colour = torch.from_numpy(np.einsum("nkc,nkc->cn", self._transfer, seen)).float()
+        return prediction(self._raster, self._atlas.dilate(self._atlas.scatter(colour)))
+
+
+def solved(recording: Recording, config: TransferConfig, progress: Progress = silent) -> Array:
+    """The transfer (N, K, 3) of one person from pictures under few known lights.
+
+    Raises `Unsupported` if there are none.
+    """
+    frames = recording.of_kind("olat", "group").frames
+    if not frames:
+        raise Unsupported("transfer is solved from frames with few lights, and the subject has none")
+    atlas = Atlas.of(needed(frames[0].mesh, "mesh").topology, config.texture)
+    size = (config.degree + 1) ** 2
+    normal, right = np.zeros((atlas.count, 3, size, size)), np.zeros((atlas.count, 3, size))
+    seen_light = np.zeros(())
+    for weight, light, colour in _pictures(recording, atlas, config, progress):
+        each = np.moveaxis(light, -1, 1)  # (N, 3, K)
+        normal += weight[:, None, None, None] * each[..., :, None] * each[..., None, :]
+        right += weight[:, None, None] * each * colour.T[..., None]
+        seen_light = seen_light + (weight[:, None, None] * each**2).sum(axis=(0, 1)) / max(weight.sum(), 1e-12)
+    matt = _matt(normal, right, config.degree)
+    power = float(seen_light.mean()) / len(frames)
+    hold = config.held * max(power, 1e-12)
+    held = normal + hold * np.eye(size)
+    return np.moveaxis(np.linalg.solve(held, (right + hold * matt)[..., None])[..., 0], 1, 2)
+
+
+def _matt(normal: Array, right: Array, degree: int) -> Array:
+    """The transfer (N, 3, K) of the matt surface that explains each texel best; unseen ones have the mean colour."""
+    lobe = harmonics(np.array([0.0, 0.0, 1.0]), degree) * cosine_lobe(degree)
+    top, bottom = right @ lobe, np.einsum("nckl,k,l->nc", normal, lobe, lobe)
+    mean = np.maximum(top.sum(axis=0), 0.0) / np.maximum(bottom.sum(axis=0), 1e-12)
+    few = 0.05 * bottom.mean(axis=0)
+    albedo = np.maximum(top + few * mean, 0.0) / np.maximum(bottom + few, 1e-12)
+    return albedo[..., None] * lobe
+
+
+def _pictures(
+    recording: Recording, atlas: Atlas, config: TransferConfig, progress: Progress
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Of each picture the texels' weights (N,), their light (N, K, 3) and their colours (3, N)."""
+    frames = recording.of_kind("olat", "group").frames
+    pose, surface, axes = "", None, None
+    lit: dict[str, Array] = {}
+    for step, frame in enumerate(sorted(frames, key=lambda frame: frame.pose_key), start=1):
+        if surface is None or frame.pose_key != pose:
+            posed = PosedMesh.of(needed(frame.mesh, "mesh"))
+            pose, surface, axes, lit = frame.pose_key, TexelSurface.of(posed, atlas), Frames.of(posed, atlas), {}
+        assert axes is not None
+        if frame.lighting not in lit:
+            lit[frame.lighting] = axes.light(light_samples(frame.light), config.degree)
+        seen = recording.observe(frame)
+        shown = surface.project(frame.camera, seen.image, needed(seen.alpha, "alpha"))
+        yield shown.weight, lit[frame.lighting], shown.colour
+        progress(step, len(frames))
+
+
+class TransferPrior(Prior):
+    """Nothing but the configuration: other subjects teach this method nothing."""
+
+    def __init__(self, config: TransferConfig) -> None:
+        self.config = config
+
+    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
+        return TransferAvatar(solved(enrolment, self.config, progress), self.config)
+
+    def save(self, folder: Path) -> None:
+        save_state(folder, INFO.name, asdict(self.config), {})
+
+
+class Transfer(Method):
+    info = INFO
+
+    def __init__(self, config: TransferConfig) -> None:
+        self._config = config
+
+    @property
+    def config(self) -> dict[str, Any]:
+        return asdict(self._config)
+
+    def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
+        return TransferPrior(self._config)
+
+    def load(self, folder: Path) -> Prior:
+        load_state(folder, INFO.name, asdict(self._config))
+        return TransferPrior(self._config)
+
+
+PRESETS = {
+    "smoke": TransferConfig(texture=64, degree=2),
+    "quick": TransferConfig(),
+    "standard": TransferConfig(texture=256),
+    "paper": TransferConfig(texture=512),  # of 1 GB and more: larger ones take too much memory
+}
+
+
+def create(preset: str = "quick") -> Method:
+    """The method at a preset; `InputError` for an unknown one."""
+    if preset not in PRESETS:
+        raise unknown_name("preset of transfer", preset, PRESETS)
+    return Transfer(PRESETS[preset])
