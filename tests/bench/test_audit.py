@@ -408,7 +408,7 @@ def test_bad_input_is_one_sentence(copy: Path, tmp_path: Path, capsys: pytest.Ca
     assert main(["audit", str(tmp_path / "nowhere")]) == 2
     assert "holds no readable run.json" in capsys.readouterr().err
     assert main(["audit", str(copy), "--protocol", "quick"]) == 2
-    assert "protocol quick@1 is not the one" in capsys.readouterr().err
+    assert "protocol quick@2 is not the one" in capsys.readouterr().err
     edit(copy / "run.json", lambda plan: plan["capture"].update(digest="0" * 16))
     assert main(["audit", str(copy)]) == 2
     assert "was run on 0000000000000000" in capsys.readouterr().err
