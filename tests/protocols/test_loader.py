@@ -230,6 +230,8 @@ def test_a_pattern_gives_a_family_of_methods_its_preset() -> None:
 
 def test_the_examples_of_the_document_are_protocols():
     text = (Path(__file__).parents[2] / "docs" / "protocols.md").read_text()
-    protocol, published = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", text, re.DOTALL))
+    protocol, elsewhere, published = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", text, re.DOTALL))
+    phone = tomllib.loads((Path(__file__).parents[2] / "protocols" / "phone.toml").read_text())
+    assert parse({**phone, **elsewhere}, "docs").trains_on == ("openstage", "quick")
     parsed = parse({**protocol, **published}, "docs")
     assert parsed.preset_of("urhand-phong") == "ablation" and len(parsed.published) == 1
