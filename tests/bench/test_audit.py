@@ -318,11 +318,11 @@ def test_a_method_that_changes_what_it_is_given_is_named_and_spoils_no_other(
 
 
 def test_leaks_are_found_whatever_they_are_called(sound: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A protocol that trains on scored lights, poses and subjects, past `resolve`'s own check."""
+    """A protocol that trains on scored lights, poses and subjects, past the own check of `select`."""
     evidence = gather(sound, table, None, None)
     assert separation.apart(evidence)[0] is True
     everything = replace(evidence.protocol, train=Selection(), trained=("s01", "s02"))
-    monkeypatch.setattr(evidence_module, "resolve", lambda *_: evidence.selected)
+    monkeypatch.setattr(evidence_module, "select", lambda *_: evidence.selected)
     leaky = replace(evidence, protocol=everything)
     holds, detail = separation.apart(leaky)
     assert holds is False and "pose that training saw" in detail
