@@ -261,11 +261,11 @@ class _Fit:
         for picture in self.pictures:
             mesh, surface = self._texels(picture)
             shown = surface.project(picture.close.camera, picture.model, picture.inner.astype(np.float32), _STEEPEST)
-            seen = visibility(mesh, self.light.numpy(), surface.position, self.config.shadow_size)
-            position, normal, seen = (
-                torch.from_numpy(part).float() for part in (surface.position, surface.normal, seen)
+            lit = visibility(mesh, self.light.numpy(), surface.position, self.config.shadow_size)
+            position, normal, visible = (
+                torch.from_numpy(part).float() for part in (surface.position, surface.normal, lit)
             )
-            shading = shade(position, normal, seen, self.light, self.ambient).numpy()
+            shading = shade(position, normal, visible, self.light, self.ambient).numpy()
             total += shown.weight * shading * shown.colour
             weight += shown.weight * shading**2
         return self._completed(total / np.maximum(weight, 1e-9), weight > 0)

@@ -43,8 +43,8 @@ class Look:
     def mesh(self, pose: Pose) -> Mesh:
         """The surface in a pose, float64."""
         told = (self.shape, pose.joints, pose.rotation, pose.translation)
-        given = [torch.tensor(np.asarray(part), dtype=torch.float64) for part in told]
-        vertices = self.surface.posed(*given, self.offset.double())  # type: ignore[arg-type]
+        shape, joints, rotation, translation = (torch.tensor(np.asarray(part), dtype=torch.float64) for part in told)
+        vertices = self.surface.posed(shape, joints, rotation, translation, self.offset.double())
         return Mesh(vertices.numpy(), self.surface.topology)
 
 

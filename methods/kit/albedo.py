@@ -11,7 +11,7 @@ from torch import Tensor
 from handbench.light.lightset import light_samples
 from handbench.light.spread import ENVIRONMENT_ERROR
 from handbench.render.see.raster import rasterise
-from handbench.render.shade.shading import light_features
+from handbench.render.shade.shading import Model, light_features
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Camera, Light, Mesh, Prediction
 from handbench.skips import skips
@@ -57,7 +57,7 @@ class Canvas:
         visible = self.surface.visibility(lights, texels=self.texels)
         facing = self.normal if normal is None else normal
         roughness = torch.full((facing.shape[1],), gloss or 1.0)
-        model = "diffuse" if gloss is None else "brdf"
+        model: Model = "diffuse" if gloss is None else "brdf"
         args = (facing, self.position, roughness, self._camera.centre, lights, visible)
         diffuse, specular = light_features(*args, model)
         return self.drawn(albedo * diffuse / math.pi + specular)
