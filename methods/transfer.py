@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from functools import partial
 
 import numpy as np
 import torch
@@ -18,7 +17,7 @@ import torch
 from handbench.errors import Unsupported, unknown_name
 from handbench.light.harmonics import cosine_lobe, harmonics
 from handbench.light.lightset import LightSet, light_samples
-from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Progress, Recording, silent
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.atlas import Atlas
@@ -27,7 +26,7 @@ from handbench.render.uv.unwrap import TexelSurface
 from handbench.scene import KNOWN_LIGHTS, Array, Light, Mesh, Prediction, Viewpoint, needed
 
 from .kit.picture import prediction
-from .kit.weights import load_state, save_state
+from .kit.untaught import Untaught
 
 _TOGETHER = 16  # lights at a time: bounds memory
 
@@ -174,35 +173,13 @@ def _pictures(
         progress(step, len(frames))
 
 
-class TransferPrior(Prior):
-    """Nothing but the configuration: other subjects teach this method nothing."""
-
+class Transfer(Untaught):
     def __init__(self, config: TransferConfig) -> None:
-        self.config = config
-
-    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
-        return TransferAvatar(solved(enrolment, self.config, progress), self.config)
-
-    def save(self, folder: Path) -> None:
-        save_state(folder, INFO.name, asdict(self.config), {})
+        super().__init__(INFO, asdict(config), partial(_personalised, config))
 
 
-class Transfer(Method):
-    info = INFO
-
-    def __init__(self, config: TransferConfig) -> None:
-        self._config = config
-
-    @property
-    def config(self) -> dict[str, Any]:
-        return asdict(self._config)
-
-    def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
-        return TransferPrior(self._config)
-
-    def load(self, folder: Path) -> Prior:
-        load_state(folder, INFO.name, asdict(self._config))
-        return TransferPrior(self._config)
+def _personalised(config: TransferConfig, enrolment: Recording, seed: int, progress: Progress) -> Avatar:
+    return TransferAvatar(solved(enrolment, config, progress), config)
 
 
 PRESETS = {

@@ -29,7 +29,6 @@ from .exr import read_channels
 from .exrheader import colour_channels, read_parts, the_part
 from .filekind import MAX_PIXELS, check_kind
 
-ALPHAS = ("auto", "premultiplied", "straight")
 SUFFIXES = (".exr", ".png", ".jpg", ".jpeg", ".npy")
 _SOME = 4  # names that a message lists
 ALPHA_SLACK = 1e-3

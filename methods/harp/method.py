@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any
+from functools import partial
 
 import torch
 
-from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.method import Avatar, MethodInfo, PosedAvatar, Progress, Recording
 from handbench.scene import LIGHT_KINDS, Light, Mesh, Prediction, Unknown, Viewpoint, needed
 
 from ..kit.albedo import Canvas, flat
 from ..kit.colourspace import to_linear
 from ..kit.enrolled import enrolled
-from ..kit.weights import load_state, save_state
+from ..kit.untaught import Untaught
 from .config import HarpConfig
 from .fitting import fitted
 from .look import Look, shade
@@ -76,35 +75,14 @@ class HarpAvatar(Avatar):
         return PosedHarp(self.look, viewpoint)
 
 
-class HarpPrior(Prior):
-    """There is none: all is learned of the enrolled person alone."""
+class Harp(Untaught):
+    """There is no prior: all is learned of the enrolled person alone."""
 
     def __init__(self, config: HarpConfig) -> None:
-        self._config = config
-
-    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
-        """Fits the hand model (`hand.fitting`), then HARP's own stages. Raises `Unsupported` with the reason if no hand
-        is found: too few key points, an empty mask, a left hand, two hands, another lens …"""
-        start = enrolled(enrolment, self._config.frames)
-        return HarpAvatar(fitted(start, self._config, seed, progress))
-
-    def save(self, folder: Path) -> None:
-        save_state(folder, INFO.name, asdict(self._config), {"none": torch.zeros(1)})
+        super().__init__(INFO, asdict(config), partial(_personalised, config))
 
 
-class Harp(Method):
-    info = INFO
-
-    def __init__(self, config: HarpConfig) -> None:
-        self._config = config
-
-    @property
-    def config(self) -> dict[str, Any]:
-        return asdict(self._config)
-
-    def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
-        return HarpPrior(self._config)
-
-    def load(self, folder: Path) -> Prior:
-        load_state(folder, self.info.name, asdict(self._config))
-        return HarpPrior(self._config)
+def _personalised(config: HarpConfig, enrolment: Recording, seed: int, progress: Progress) -> Avatar:
+    """Fits the hand model (`hand.fitting`), then HARP's own stages. Raises `Unsupported` with the reason if no hand is
+    found: too few key points, an empty mask, a left hand, two hands, another lens …"""
+    return HarpAvatar(fitted(enrolled(enrolment, config.frames), config, seed, progress))

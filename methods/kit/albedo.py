@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from handbench.light.lightset import light_samples
 from handbench.light.spread import ENVIRONMENT_ERROR
 from handbench.render.see.raster import rasterise
-from handbench.render.shade.shading import Model, light_features
+from handbench.render.shade.shading import Model
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Camera, Light, Mesh, Prediction
-from handbench.skips import skips
 
 from .picture import prediction
+from .shading import Shading
 
 
 class Canvas:
@@ -29,15 +28,13 @@ class Canvas:
         self.surface = PosedSurface(mesh, size)
         self.atlas = self.surface.atlas
         self._raster = rasterise(self.surface.mesh, camera)
-        self._camera = camera
-        seen = self.atlas.needed(self._raster.texels(size)) if skips().unseen else np.ones(self.atlas.count, dtype=bool)
-        self.texels = np.flatnonzero(seen)
-        self.position, self.normal = (part[:, self.texels] for part in (self.surface.position, self.surface.normal))
+        self._shading = Shading(self.surface, camera.centre, self._raster)
+        self.texels = self._shading.texels
+        self.position, self.normal = self._shading.position, self._shading.normal
 
     def drawn(self, colour: Tensor) -> Prediction:
         """The picture of linear colours (3, n) at the texels."""
-        whole = colour.new_zeros(3, self.atlas.count).index_copy(1, torch.from_numpy(self.texels), colour)
-        return prediction(self._raster, self.atlas.dilate(self.atlas.scatter(whole)))
+        return prediction(self._raster, self.atlas.dilate(self._shading.texture(colour)))
 
     def lit(
         self,
@@ -54,12 +51,8 @@ class Canvas:
         `Unsupported` for an unknown light.
         """
         lights = light_samples(light, environment_error=environment_error)
-        visible = self.surface.visibility(lights, texels=self.texels)
-        facing = self.normal if normal is None else normal
-        roughness = torch.full((facing.shape[1],), gloss or 1.0)
         model: Model = "diffuse" if gloss is None else "brdf"
-        args = (facing, self.position, roughness, self._camera.centre, lights, visible)
-        diffuse, specular = light_features(*args, model)
+        diffuse, specular = self._shading.features(lights, gloss or 1.0, model, normal)
         return self.drawn(albedo * diffuse / math.pi + specular)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from handbench.errors import Unsupported
 from handbench.hand import HandModel, hand_model
-from handbench.hand.fitting import QUICK, Picture, Settings, Unfittable, fit
+from handbench.hand.fitting import QUICK, Picture, Settings, Unfittable, fit, pictures
 from handbench.method import Avatar, PosedAvatar, Progress, Recording, silent
 from handbench.recording import Need
 from handbench.render.see.posedmesh import PosedMesh
@@ -23,6 +23,7 @@ FITTABLE: frozenset[Need] = frozenset({"image", "alpha", "camera", "keypoints"})
 LEAST_SURE = 0.5  # of a detector: key points that it is less sure of are often elsewhere
 GRAZING = 0.15  # cosine below which what a picture shows of the surface is mostly its neighbourhood
 _ENOUGH = 0.5  # of the pictures that must show the hand
+_LEVEL = 1  # of the meshes' subdivision
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,41 +80,34 @@ class FittedHand:
             yield Shown(sighting.frame, surface, found)
 
 
-def fitted_hand(
-    enrolment: Recording,
-    settings: Settings = QUICK,
-    level: int = 1,
-    hand: HandModel | None = None,
-    progress: Progress = silent,
-) -> FittedHand:
-    """One subject's hand, fitted to the frames of its enrolment; `hand` is the model, None the one that is shipped.
+def fitted_hand(enrolment: Recording, settings: Settings = QUICK, progress: Progress = silent) -> FittedHand:
+    """One subject's hand, the hand model that is shipped fitted to the frames of its enrolment.
 
     Depth and estimated poses are used where they are given. Frames in which no hand was found are left out. Raises
     `Unsupported`, with the fit's own reason, where that leaves fewer than half of them: a wrong hand is worse than
     none.
     """
-    model = hand_model() if hand is None else hand
-    pictures = [_picture(frame, enrolment) for frame in enrolment.frames]
+    model = hand_model()
     try:
-        found = fit(model, pictures, settings, progress)
+        found = fit(model, [_trusted(picture) for picture in pictures(enrolment)], settings, progress)
     except Unfittable as error:
         raise Unsupported(str(error)) from error
+    frames = {frame.key: frame for frame in enrolment.frames}
     sightings = tuple(
-        Sighting(frame, fitted.pose)
-        for frame, fitted in zip(enrolment.frames, found.pictures, strict=True)
+        Sighting(frames[fitted.picture], fitted.pose)
+        for fitted in found.pictures
         if fitted.converged and fitted.pose is not None
     )
-    if len(sightings) < _ENOUGH * len(pictures):
+    if len(sightings) < _ENOUGH * len(frames):
         fatal = [problem for problem in found.problems if problem.fatal]
-        raise Unsupported(f"{fatal[0]} (a hand was found in {len(sightings)} of {len(pictures)} pictures)")
-    return FittedHand(model, found.shape, level, sightings)
+        raise Unsupported(f"{fatal[0]} (a hand was found in {len(sightings)} of {len(frames)} pictures)")
+    return FittedHand(model, found.shape, _LEVEL, sightings)
 
 
-def _picture(frame: Frame, enrolment: Recording) -> Picture:
-    seen = enrolment.observe(frame)
-    points = needed(seen.keypoints, "set of key points")
-    places = np.where(points[:, 2:] < LEAST_SURE, np.nan, points[:, :2])
-    return Picture(frame.camera, places, seen.alpha, seen.depth, frame.key, frame.pose)
+def _trusted(picture: Picture) -> Picture:
+    """The picture without the key points that its detector doubts."""
+    places = np.where(picture.sure[:, None] < LEAST_SURE, np.nan, picture.key_points)
+    return replace(picture, key_points=np.c_[places, picture.sure])
 
 
 class FittedAvatar(Avatar):

@@ -16,17 +16,18 @@ import torch
 from torch import Tensor
 
 from handbench.errors import InputError, Unsupported, unknown_name
-from handbench.light.lightset import LightSet, light_samples
+from handbench.light.lightset import light_samples
 from handbench.light.spread import ENVIRONMENT_ERROR
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.recording import Need
-from handbench.render.see.raster import Raster, rasterise
-from handbench.render.shade.shading import Model, light_features
+from handbench.render.see.raster import rasterise
+from handbench.render.shade.shading import Model
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import KNOWN_LIGHTS, Array, Frame, Light, Prediction, Viewpoint, needed
-from handbench.skips import note, skips
+from handbench.skips import skips
 
 from ..kit.picture import prediction
+from ..kit.shading import Shading
 from ..kit.texture import mean_texture
 from ..kit.weights import load_state, save_state
 
@@ -67,7 +68,8 @@ def full_exposure(enrolment: Recording, size: int) -> float:
             poses.add(frame.pose_key)
             surface = PosedSurface(needed(frame.mesh, "mesh"), size)
             lights = light_samples(frame.light)
-            diffuse, _ = Shading(surface, frame.camera.centre, "diffuse").features(lights, 0.5)
+            shading = Shading(surface, frame.camera.centre)
+            diffuse = shading.texture(shading.features(lights, 0.5, "diffuse")[0])
             features.append(float(diffuse[:, torch.from_numpy(surface.atlas.covered)].mean()))
     return float(np.mean(features))
 
@@ -75,38 +77,6 @@ def full_exposure(enrolment: Recording, size: int) -> float:
 def normalised_texture(enrolment: Recording, size: int) -> Tensor:
     """The mean texture (3, R, R) over the light that made it: an albedo over pi, up to what shading it keeps."""
     return mean_texture(enrolment, size).texture / full_exposure(enrolment, size)
-
-
-class Shading:
-    """The shading of a posed surface by a reflectance model, seen from a point, with hard shadows, light after light.
-
-    If it is made for one picture, texels that its raster does not look up are left at zero (`Skips.unseen`).
-    """
-
-    def __init__(self, surface: PosedSurface, centre: Array, model: Model, raster: Raster | None = None) -> None:
-        atlas = surface.atlas
-        self._surface, self._centre, self._model = surface, centre, model
-        self._normal, self._position = surface.normal, surface.position
-        self._texels: Array | None = None
-        if raster is not None and skips().unseen:
-            self._texels = np.flatnonzero(atlas.needed(raster.texels(atlas.size)))
-            self._normal, self._position = (values[:, self._texels] for values in (self._normal, self._position))
-
-    def features(self, lights: LightSet, roughness: float) -> tuple[Tensor, Tensor]:
-        """Diffuse and specular feature textures (3, R, R) under lights."""
-        atlas, texels = self._surface.atlas, self._texels
-        note("texels outside charts", atlas.size**2, atlas.size**2 - atlas.count)
-        if texels is not None:
-            note("texels out of sight", atlas.count, atlas.count - len(texels))
-        visible = self._surface.visibility(lights, texels=texels)
-        rough = torch.full((self._normal.shape[1],), roughness)
-        found = light_features(self._normal, self._position, rough, self._centre, lights, visible, self._model)
-        if texels is not None:
-            where = torch.from_numpy(texels)
-            diffuse, specular = (f.new_zeros(3, atlas.count).index_copy(1, where, f) for f in found)
-        else:
-            diffuse, specular = found
-        return atlas.scatter(diffuse), atlas.scatter(specular)
 
 
 class ReflectanceAvatar(Avatar):
@@ -126,14 +96,14 @@ class PosedReflectance(PosedAvatar):
         self._atlas = surface.atlas
         self._raster = rasterise(surface.mesh, viewpoint.camera)
         # a fit that gave the specular lobe no share leaves nothing to work out
-        model: Model = prior.model if prior.specular or not skips().missing_lobes else "diffuse"
-        self._shading = Shading(surface, viewpoint.camera.centre, model, self._raster)
+        self._model: Model = prior.model if prior.specular or not skips().missing_lobes else "diffuse"
+        self._shading = Shading(surface, viewpoint.camera.centre, self._raster)
 
-    @torch.no_grad()
     def relight(self, light: Light) -> Prediction:
         prior = self._prior
         lights = light_samples(light, environment_error=prior.config.environment_error)
-        diffuse, specular = self._shading.features(lights, prior.roughness)
+        features = self._shading.features(lights, prior.roughness, self._model)
+        diffuse, specular = map(self._shading.texture, features)
         colour = prior.diffuse * diffuse * self._texture + prior.specular * specular
         return prediction(self._raster, self._atlas.dilate(colour))
 
@@ -193,10 +163,10 @@ class Reflectance(Method):
         """For each roughness the diffuse and the specular picture of a frame, (pixels, 2)."""
         surface = PosedSurface(needed(frame.mesh, "mesh"), self._config.texture)
         raster = rasterise(surface.mesh, frame.camera)
-        shading = Shading(surface, frame.camera.centre, self._model, raster)
+        shading = Shading(surface, frame.camera.centre, raster)
         lights = light_samples(frame.light)
         for rough in candidates:
-            diffuse, specular = shading.features(lights, rough)
+            diffuse, specular = map(shading.texture, shading.features(lights, rough, self._model))
             pictures = raster.sample(surface.atlas.dilate(torch.cat([diffuse * texture, specular])))
             yield pictures.reshape(2, -1).T.numpy().astype(np.float64)
 

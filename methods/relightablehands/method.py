@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -13,14 +11,14 @@ from torch import Tensor
 
 from handbench.errors import Unsupported
 from handbench.light.lightset import LightSet, light_samples
-from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.method import Avatar, Method, MethodInfo, PosedAvatar
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Array, Light, Prediction, Viewpoint, needed
 from handbench.skips import note, skips
 
 from ..kit.picture import prediction
-from ..kit.weights import load_state, save_state
+from ..kit.untaught import Untaught
 from .config import Config, configuration
 from .model import RelightableHandsModel, Seen, lit
 from .training import train
@@ -111,35 +109,9 @@ def _some(lights: LightSet, rows: Array) -> LightSet:
     )
 
 
-class RelightableHandsPrior(Prior):
-    """Nothing but the configuration: other subjects teach this method nothing."""
-
+class RelightableHands(Untaught):
     def __init__(self, config: Config) -> None:
-        self.config = config
-
-    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
-        return RelightableHandsAvatar(train(self.config, enrolment, seed, progress))
-
-    def save(self, folder: Path) -> None:
-        save_state(folder, INFO.name, asdict(self.config), {})
-
-
-class RelightableHands(Method):
-    info = INFO
-
-    def __init__(self, config: Config) -> None:
-        self._config = config
-
-    @property
-    def config(self) -> dict[str, Any]:
-        return asdict(self._config)
-
-    def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
-        return RelightableHandsPrior(self._config)
-
-    def load(self, folder: Path) -> Prior:
-        load_state(folder, INFO.name, asdict(self._config))
-        return RelightableHandsPrior(self._config)
+        super().__init__(INFO, asdict(config), lambda *given: RelightableHandsAvatar(train(config, *given)))
 
 
 def create(preset: str = "quick") -> Method:

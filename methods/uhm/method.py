@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any
+from functools import partial
 
 import torch
 
-from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.method import Avatar, MethodInfo, PosedAvatar, Progress, Recording
 from handbench.scene import LIGHT_KINDS, Light, Prediction, Unknown, Viewpoint, needed
 
 from ..kit.albedo import Canvas
 from ..kit.colourspace import to_linear
 from ..kit.enrolled import enrolled
-from ..kit.weights import load_state, save_state
+from ..kit.untaught import Untaught
 from .adaptation import Adapted, adapted
 from .config import UhmConfig
 
@@ -76,36 +75,16 @@ class UhmAvatar(Avatar):
         return PosedUhm(self.person, viewpoint)
 
 
-class UhmPrior(Prior):
-    """There is none: the hand model brings the shapes, the rest is of the enrolled person alone."""
+class Uhm(Untaught):
+    """There is no prior: the hand model brings the shapes, the rest is of the enrolled person alone."""
 
     def __init__(self, config: UhmConfig) -> None:
-        self._config = config
-
-    def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
-        """Fits the hand model (`hand.fitting`: key points 1, mask 50, depth 100), then shadows and texture.
-
-        Raises `Unsupported` with the fit's reason if no hand is found.
-        """
-        return UhmAvatar(adapted(enrolled(enrolment, self._config.frames), self._config, seed, progress))
-
-    def save(self, folder: Path) -> None:
-        save_state(folder, INFO.name, asdict(self._config), {"none": torch.zeros(1)})
+        super().__init__(INFO, asdict(config), partial(_personalised, config))
 
 
-class Uhm(Method):
-    info = INFO
+def _personalised(config: UhmConfig, enrolment: Recording, seed: int, progress: Progress) -> Avatar:
+    """Fits the hand model (`hand.fitting`: key points 1, mask 50, depth 100), then shadows and texture.
 
-    def __init__(self, config: UhmConfig) -> None:
-        self._config = config
-
-    @property
-    def config(self) -> dict[str, Any]:
-        return asdict(self._config)
-
-    def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
-        return UhmPrior(self._config)
-
-    def load(self, folder: Path) -> Prior:
-        load_state(folder, self.info.name, asdict(self._config))
-        return UhmPrior(self._config)
+    Raises `Unsupported` with the fit's reason if no hand is found.
+    """
+    return UhmAvatar(adapted(enrolled(enrolment, config.frames), config, seed, progress))

@@ -169,7 +169,7 @@ def own(dark: Scan, number: int):
 
 
 def test_under_its_own_light_it_is_nearer_than_the_mean(dark: Scan, exact: None) -> None:
-    avatars = [one.personalise(dark.enrolment) for one in (prior(), floor.MeanPhonePrior())]
+    avatars = [one.personalise(dark.enrolment) for one in (prior(), floor.create().train(dark.enrolment))]
     joint, mean = (np.mean([error(a.relight(own(dark, i)), dark, i) for i in range(3)]) for a in avatars)
     assert joint < 0.5 * mean, (joint, mean)
 

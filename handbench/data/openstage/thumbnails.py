@@ -23,8 +23,9 @@ from .manifest import Manifest
 
 KEPT = Path(__file__).with_name("thumbnails.npz")
 BOUND = 0.01
-"""The greatest difference, relative to a picture's mean. Half floats make 3e-4 and machines that round otherwise little
-more, by rays that pass an edge on its other side; what is above was not made by this code, or is damaged."""
+"""The greatest difference, relative to a picture's mean. Half floats round to less than a twentieth of it; machines
+that round otherwise should make little more, which has not been measured. What is above was not made by this code, or
+is damaged."""
 _VIEWS = 4  # of a preset
 _ROWS = 32  # of a thumbnail, at most
 _DARK = 1e-3  # mean of a picture that counts as one

@@ -22,6 +22,6 @@ def pictures(recording: Recording) -> list[Picture]:
         if isinstance(frame.camera, Uncalibrated):
             raise Unsupported(f"the calibration of camera {frame.camera.name!r} is not given, and a fit needs it")
         seen = recording.observe(frame)
-        points = needed(seen.keypoints, "keypoints")
+        points = needed(seen.keypoints, "set of key points")
         found.append(Picture(frame.camera, points, seen.alpha, seen.depth, frame.key, frame.pose))
     return found

@@ -19,8 +19,11 @@ def summed(
     dots: Dots, where: Tensor, power: Tensor, seen: Tensor | None, maps: tuple[Tensor, ...], model: str
 ) -> Tensor:
     """The responses (K, 3, N) under lights of one kind, tile by tile or fused."""
-    large = len(where) * maps[0].shape[1] >= (_FUSE if torch.is_grad_enabled() else min(_FUSE, _DRAW))
-    by_light = torch.is_grad_enabled() and (power.requires_grad or (seen is not None and seen.requires_grad))
+    by_light, by_texel = (
+        torch.is_grad_enabled() and any(values is not None and values.requires_grad for values in some)
+        for some in ((power, seen), maps)
+    )
+    large = len(where) * maps[0].shape[1] >= (_FUSE if by_light or by_texel else min(_FUSE, _DRAW))
     on_cpu = power.device.type == "cpu"
     if dots is distant and large and on_cpu and power.dtype == torch.float32 and not by_light and usable():
         normal, view, _, roughness = maps

@@ -181,7 +181,7 @@ def test_a_recording_is_a_sequence_of_pictures(someone: Sitter, deep: Picture) -
     assert not given[0].seen[:2].any() and given[0].seen[3:].all()  # a detector's guesses are not seen
     least = pictures(Recording(frames, observe, frozenset({"image", "camera", "keypoints"})))
     assert least[0].start is None and least[0].depth is None and least[0].alpha is None
-    with pytest.raises(Unsupported, match="keypoints"):
+    with pytest.raises(Unsupported, match="key points is not given"):
         pictures(Recording(frames, observe, frozenset({"image", "camera"})))
     with pytest.raises(Unsupported, match="calibration"):
         pictures(Recording(frames, observe, frozenset({"image", "keypoints"})))

@@ -105,7 +105,7 @@ class PathTracer:
         return self._lit
 
     def _sky(self, environment: Environment, specular: float) -> Sky:
-        """Tables of a map, kept for as long as it is among the lights."""
+        """Tables of a map, kept for all surfaces that this tracer draws."""
         key = (id(environment), specular)
         if key not in self._skies:
             self._skies[key] = environment, sky(environment, specular)
