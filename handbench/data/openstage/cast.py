@@ -34,11 +34,12 @@ class Subject:
 
 def person(index: int, hand: OpenHand) -> Subject:
     """The person of an index: the same one in every capture and size. The first six wear what is declared."""
-    skin = look(index)
     if index < len(_DECLARED):
         melanin, polish, tattoos = _DECLARED[index]
         skin = look(index, melanin)
         skin = replace(skin, nails=replace(skin.nails, polish=polish, tips=False), tattoos=tattoos, bleached=0)
+    else:
+        skin = look(index)
     return Subject(f"s{index + 1:02d}", hand.sample_identity(np.random.default_rng([2401, index])), skin)
 
 
