@@ -1,4 +1,4 @@
-"""Files of environment maps, .exr and .hdr, checked where they come in."""
+"""Files of environment maps, .exr, .hdr and .ktx, checked where they come in."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..light.skybox import equirectangular
 from ..scene import Array, Environment
 from .exr import read_channels, stack
 from .exrheader import colour_channels, read_parts, the_part
 from .filekind import MAX_PIXELS
+from .ktx import read_ktx
 from .radiance import read_radiance
 
 _WHAT = "environment map"
@@ -25,7 +27,9 @@ def read_environment(
     part: str | None = None,
     max_pixels: int = MAX_PIXELS,
 ) -> Environment:
-    """An equirectangular .exr or .hdr file as an environment named after the file.
+    """An equirectangular .exr, .hdr or .ktx file, or a cube map in a .ktx, as an environment named after the file.
+
+    A cube map of n x n texels becomes a map of 2n x 4n; its faces are those that Filament's tools write.
 
     With `clip`, negative radiance becomes 0 (sharpening filters make some) and infinite radiance 65504, the greatest
     half float (a sun beyond it). `layer` and `part` choose within an EXR.
@@ -36,10 +40,13 @@ def read_environment(
     suffix = path.suffix.lower()
     if suffix == ".exr":
         radiance = _read_exr(path, layer, part, max_pixels)
+    elif suffix == ".ktx":
+        faces = read_ktx(path, _WHAT, max_pixels)
+        radiance = faces[0] if len(faces) == 1 else _unfolded(_checked(path, faces, clip))
     elif suffix in (".hdr", ".rgbe") or not path.exists():
         radiance = read_radiance(path, _WHAT, max_pixels)
     else:
-        raise InputError(f"{_WHAT} {path} is neither .exr nor .hdr; convert it to one of them")
+        raise InputError(f"{_WHAT} {path} is none of .exr, .hdr and .ktx; convert it to one of them")
     height, width = radiance.shape[:2]
     if width != 2 * height:
         raise InputError(
@@ -60,6 +67,12 @@ def _read_exr(path: Path, layer: str | None, part: str | None, max_pixels: int) 
     return stack(read_channels(path, chosen, names, _WHAT, finite=False), names, path)
 
 
+def _unfolded(faces: Array) -> Array:
+    """The faces (6, n, n, 3) of a cube map as an equirectangular map."""
+    size = 2 * faces.shape[1]
+    return equirectangular(faces, size, 2 * size)
+
+
 def _checked(path: Path, radiance: Array, clip: bool) -> Array:
     """Radiance that is finite and not negative; clipped to that if asked."""
     nan, infinite, negative = (
@@ -72,11 +85,11 @@ def _checked(path: Path, radiance: Array, clip: bool) -> Array:
     if infinite:
         raise InputError(
             f"{_WHAT} {path} has {infinite} infinite values, such as a sun brighter than a half float can be; save it "
-            f"as 32-bit float, or read it with clip=True to take {_GREATEST:g}"
+            f"as 32-bit float, or take {_GREATEST:g} for them (:clip after the file, clip=True in Python)"
         )
     if negative:
         raise InputError(
             f"{_WHAT} {path} has {negative} negative values (least {radiance.min():g}), but light cannot be negative; "
-            "if a filter made them, read it with clip=True to take 0"
+            "if a filter made them, take 0 for them (:clip after the file, clip=True in Python)"
         )
     return radiance

@@ -17,6 +17,7 @@ _STARTS = {
     b"PK\x03\x04": "zip archive (.npz)",
     b"PK\x05\x06": "zip archive (.npz)",
     b"#?": "Radiance picture",
+    b"\xabKTX 1": "KTX texture",
     b"II*\x00": "TIFF",
     b"MM\x00*": "TIFF",
     b"GIF8": "GIF",
@@ -33,6 +34,7 @@ _NAMED = {
     ".npz": ("zip archive (.npz)",),
     ".hdr": ("Radiance picture",),
     ".rgbe": ("Radiance picture",),
+    ".ktx": ("KTX texture",),
 }
 
 

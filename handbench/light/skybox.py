@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
-import struct
 from pathlib import Path
 
 import numpy as np
 
+from ..data.ktx import read_ktx
 from ..errors import InputError, unknown_name
 from ..scene import Array, Environment
 from .environment import directions, resize, solid_angles, texels
@@ -25,9 +25,6 @@ SKYBOXES = (
     "streetlamp",
 )
 
-_MAGIC = b"\xabKTX 11\xbb\r\n\x1a\n"
-_R11F_G11F_B10F = 0x8C3A
-
 _SUPERSAMPLE = 4
 
 
@@ -41,41 +38,12 @@ def skybox(name: str, height: int, width: int) -> Environment:
     package = importlib.util.find_spec("open3d")
     if package is None or package.origin is None:
         raise InputError("the skyboxes come with the open3d package, which is not installed; install it")
-    faces = read_ktx_cube(Path(package.origin).parent / "resources" / f"{name}_skybox.ktx")
+    path = Path(package.origin).parent / "resources" / f"{name}_skybox.ktx"
+    try:
+        faces = read_ktx(path)
+    except InputError as error:
+        raise InputError(f"{error} (reinstall the open3d package)") from error
     return Environment(name, equirectangular(faces, height, width))
-
-
-def read_ktx_cube(path: Path) -> Array:
-    """The six faces (6, n, n, 3) float32 of a KTX 1 cube map in R11F_G11F_B10F, order +x -x +y -y +z -z.
-
-    Only the first mip level is read. Raises `InputError` for any other or a damaged file.
-    """
-    if not path.is_file():
-        raise InputError(f"cube map {path} does not exist; reinstall the package it belongs to")
-    data = path.read_bytes()
-    if len(data) < 68 or data[:12] != _MAGIC or data[12:16] != b"\x01\x02\x03\x04":
-        raise InputError(f"cube map {path} is no little-endian KTX 1 file; reinstall the package it belongs to")
-    # the files put the internal format into glType and glFormat too, so only this one field tells
-    internal, _, width, height, _, _, faces, _, extra = struct.unpack_from("<9I", data, 28)
-    if (internal, faces, width) != (_R11F_G11F_B10F, 6, height):
-        raise InputError(
-            f"cube map {path} is {faces} faces of {width}x{height} in format 0x{internal:x}, "
-            f"expected 6 square faces in R11F_G11F_B10F (0x{_R11F_G11F_B10F:x})"
-        )
-    start = 64 + extra + 4  # header, key-value pairs, size of one face
-    end = start + 6 * 4 * width * width
-    if len(data) < end:
-        raise InputError(f"cube map {path} ends after {len(data)} of {end} bytes; reinstall the package it belongs to")
-    return unpack_11_11_10(np.frombuffer(data[start:end], dtype="<u4")).reshape(6, width, width, 3)
-
-
-def unpack_11_11_10(packed: Array) -> Array:
-    """Unsigned floats of 11, 11 and 10 bits in uint32 (...) as float32 (..., 3); red is in the lowest bits.
-
-    They are float16 without a sign and with the low bits of the mantissa cut off.
-    """
-    halves = np.stack([(packed & 0x7FF) << 4, (packed >> 11 & 0x7FF) << 4, (packed >> 22) << 5], axis=-1)
-    return halves.astype(np.uint16).view(np.float16).astype(np.float32)
 
 
 def equirectangular(faces: Array, height: int, width: int) -> Array:
