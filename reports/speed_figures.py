@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from handbench.studies.speed.equal_error import TARGETS, pareto
-from handbench.studies.speed.measure import Point
+from handbench.studies.speed.measure import Trial
 from handbench.studies.speed.record import MethodStudy, Scaling, SceneStudy, SpeedRecord
 
 COLOURS = {
@@ -91,7 +91,7 @@ def _scene(scene: SceneStudy) -> Figure:
     return figure
 
 
-def _mark(axes: Axes, point: Point, colour: str, marker: str, alpha: float = 1.0, fill: bool = True) -> None:
+def _mark(axes: Axes, point: Trial, colour: str, marker: str, alpha: float = 1.0, fill: bool = True) -> None:
     low, high = point.spread
     error = max(point.error, _FLOOR)
     axes.plot([low, high], [error, error], color=colour, lw=0.9, alpha=0.7, zorder=2)

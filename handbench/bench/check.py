@@ -34,7 +34,7 @@ _Answer: TypeAlias = Prediction | HandbenchError
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Finding:
     """Whether a law holds (None: it does not apply) and what was measured."""
 
     law: str
@@ -42,7 +42,7 @@ class Verdict:
     detail: str
 
 
-def check(name: str, protocol: Protocol, preset: str | None = None, data: Path | None = None) -> list[Verdict]:
+def check(name: str, protocol: Protocol, preset: str | None = None, data: Path | None = None) -> list[Finding]:
     """Try every law on a method. A law whose trial crashes does not hold, and the verdict says why.
 
     Raises `InputError` for an unknown method, a protocol that does not fit its capture, and a damaged capture.
@@ -54,23 +54,23 @@ def check(name: str, protocol: Protocol, preset: str | None = None, data: Path |
     return check_method(method, protocol, capture)
 
 
-def check_method(method: Method, protocol: Protocol, capture: Capture) -> list[Verdict]:
+def check_method(method: Method, protocol: Protocol, capture: Capture) -> list[Finding]:
     """`check` for a method and a capture in hand."""
     with isolated():
         return _tried(method, protocol, select(protocol, capture), CaptureReader(capture))
 
 
-def _tried(method: Method, protocol: Protocol, selected: Selected, reader: CaptureReader) -> list[Verdict]:
+def _tried(method: Method, protocol: Protocol, selected: Selected, reader: CaptureReader) -> list[Finding]:
     subjects = protocol.subjects
     refused = [why for s in subjects if (why := given.refusal(selected, method.info, s))]
     if len(refused) == len(subjects):
-        return [Verdict("needs", False, refused[0])]
-    verdicts = [Verdict("needs", None, why) for why in refused]
+        return [Finding("needs", False, refused[0])]
+    verdicts = [Finding("needs", None, why) for why in refused]
     try:
         trial = _Trial(method, protocol, selected, reader)
     except BaseException as error:
-        return [Verdict("trains and personalises", False, _reason(error, reader))]
-    laws: dict[str, Callable[[], Verdict]] = {
+        return [Finding("trains and personalises", False, _reason(error, reader))]
+    laws: dict[str, Callable[[], Finding]] = {
         "finite": trial.finite,
         "no mutation": trial.no_mutation,
         "no memory": trial.no_memory,
@@ -82,7 +82,7 @@ def _tried(method: Method, protocol: Protocol, selected: Selected, reader: Captu
         try:
             verdicts.append(tried())
         except BaseException as error:
-            verdicts.append(Verdict(law, False, _reason(error, reader)))
+            verdicts.append(Finding(law, False, _reason(error, reader)))
     return verdicts
 
 
@@ -162,39 +162,39 @@ class _Trial:
                 answers[query.key] = error
         return answers
 
-    def finite(self) -> Verdict:
+    def finite(self) -> Finding:
         pictures = _pictures(self.answers)
         bad = [key for key, a in pictures.items() if not (np.isfinite(a.image).all() and np.isfinite(a.alpha).all())]
         told = f"{len(pictures)} of {len(self.queries)} queries drawn"
         if bad:
-            return Verdict("finite", False, f"{told}, {len(bad)} with NaN or infinity, e.g. {bad[0]}")
+            return Finding("finite", False, f"{told}, {len(bad)} with NaN or infinity, e.g. {bad[0]}")
         for kind, word in ((Unsupported, "unsupported"), (NonFinite, "declared non-finite")):
             if count := sum(isinstance(answer, kind) for answer in self.answers.values()):
                 told += f", {count} {word}"
-        return Verdict("finite", bool(pictures), told)
+        return Finding("finite", bool(pictures), told)
 
-    def no_mutation(self) -> Verdict:
+    def no_mutation(self) -> Finding:
         repeated = self._answers(self.avatars)
         try:
             self.lender.check()
         except Changed as error:
-            return Verdict("no mutation", False, f"{error} was changed")
+            return Finding("no mutation", False, f"{error} was changed")
         if changed := self.watched.changed():
-            return Verdict("no mutation", False, f"the images of {changed[0]} were changed")
+            return Finding("no mutation", False, f"the images of {changed[0]} were changed")
         return _equal("no mutation", "asked again", self.answers, repeated)
 
-    def no_memory(self) -> Verdict:
+    def no_memory(self) -> Finding:
         """A posed avatar that draws one light after the other, against a new one for each light."""
         found: dict[str, _Answer] = {}
         for queries in self._viewpoints():
             avatar = self.avatars[queries[0].subject]
             if isinstance(avatar, RecordedAvatar):
-                return Verdict("no memory", None, "its pictures are recorded, it poses nothing")
+                return Finding("no memory", None, "its pictures are recorded, it poses nothing")
             posed = avatar.pose(queries[0].viewpoint)
             for query in (*queries, queries[0]):
                 found[query.key] = answered(posed.relight(query.light))
         if not found:
-            return Verdict("no memory", None, "no pose and camera has two lights that could be drawn")
+            return Finding("no memory", None, "no pose and camera has two lights that could be drawn")
         return _equal("no memory", "under light after light", {key: self.answers[key] for key in found}, found)
 
     def _viewpoints(self) -> list[list[Query]]:
@@ -206,20 +206,20 @@ class _Trial:
         most = [max(views.values(), key=len) for views in groups.values()]
         return [queries for queries in most if len(queries) > 1]
 
-    def same_seed(self) -> Verdict:
+    def same_seed(self) -> Finding:
         return _equal("same seed", "trained again", self.answers, self._answers(self._avatars(self._train())))
 
-    def round_trip(self) -> Verdict:
+    def round_trip(self) -> Finding:
         with tempfile.TemporaryDirectory() as folder:
             self.prior.save(Path(folder))
             loaded = self.method.load(Path(folder))
             return _equal("round trip", "saved and loaded", self.answers, self._answers(self._avatars(loaded)))
 
-    def linear(self) -> Verdict:
+    def linear(self) -> Finding:
         """render(a L1 + b L2) against a render(L1) + b render(L2), for neighbouring queries of one subject."""
         declared = self.method.info.linear
         if self.method.info.truth:
-            return Verdict("linear", None, "the truth is recorded, it has no answer to other lights")
+            return Finding("linear", None, "the truth is recorded, it has no answer to other lights")
         found = []
         asked = [query for query in self.queries if query.key in _pictures(self.answers)]
         for one, other in zip(asked, asked[1:] + asked[:1], strict=True):
@@ -227,21 +227,21 @@ class _Trial:
                 with suppress(Unsupported, NonFinite):  # a light of two kinds, or too bright
                     found.append(deviations(drawing(self.avatars[one.subject], one), one.light, other.light))
         if not found:
-            return Verdict("linear", None if not declared else False, "no pair of queries could be drawn")
+            return Finding("linear", None if not declared else False, "no pair of queries could be drawn")
         worst = max(each.linearity for each in found)
         if not declared:
-            return Verdict("linear", None, f"not declared; largest deviation {worst:.1e}")
-        return Verdict("linear", worst <= LINEAR, f"largest deviation {worst:.1e}, allowed {LINEAR:.0e}")
+            return Finding("linear", None, f"not declared; largest deviation {worst:.1e}")
+        return Finding("linear", worst <= LINEAR, f"largest deviation {worst:.1e}, allowed {LINEAR:.0e}")
 
 
 def _pictures(answers: dict[str, _Answer]) -> dict[str, Prediction]:
     return {key: answer for key, answer in answers.items() if isinstance(answer, Prediction)}
 
 
-def _equal(law: str, what: str, before: dict[str, _Answer], after: dict[str, _Answer]) -> Verdict:
+def _equal(law: str, what: str, before: dict[str, _Answer], after: dict[str, _Answer]) -> Finding:
     if [*map(type, before.values())] != [*map(type, after.values())]:
-        return Verdict(law, False, f"{what}, other queries are unsupported or non-finite")
+        return Finding(law, False, f"{what}, other queries are unsupported or non-finite")
     drawn = _pictures(after)
     pairs = [(answer, drawn[key]) for key, answer in _pictures(before).items()]
     worst = max((deviation(p.image, q.image) + deviation(p.alpha, q.alpha) for p, q in pairs), default=0.0)
-    return Verdict(law, worst <= SAME, f"{what}: largest deviation {worst:.1e}, allowed {SAME:.0e}")
+    return Finding(law, worst <= SAME, f"{what}: largest deviation {worst:.1e}, allowed {SAME:.0e}")

@@ -20,14 +20,14 @@ from handbench.studies.speed.competitors import Naive, bitmap
 from handbench.studies.speed.configurations import Configuration
 from handbench.studies.speed.core import Core
 from handbench.studies.speed.equal_error import Reached, pareto, speed_up, table, time_at
-from handbench.studies.speed.measure import Curve, Point, timed
+from handbench.studies.speed.measure import ErrorCurve, Trial, timed
 from handbench.studies.speed.naive import naive_features
 from handbench.studies.speed.scaling import fit
 from handbench.studies.speed.scene import Scene, moved, natural_hand, palmar_camera
 
 
-def points(*pairs: tuple[float, float]) -> tuple[Point, ...]:
-    return tuple(Point("knob", "", error, (seconds,)) for seconds, error in pairs)
+def points(*pairs: tuple[float, float]) -> tuple[Trial, ...]:
+    return tuple(Trial("knob", "", error, (seconds,)) for seconds, error in pairs)
 
 
 def test_front_drops_what_is_beaten() -> None:
@@ -67,10 +67,10 @@ def test_speed_up_says_what_it_knows() -> None:
 
 def test_table_compares_poses_apart() -> None:
     curves = [
-        Curve("ours", "new", points((1.0, 0.1), (2.0, 0.01))),
-        Curve("theirs", "new", points((10.0, 0.1), (80.0, 0.02))),
-        Curve("ours", "known", points((0.1, 0.001))),
-        Curve("theirs", "known", points((5.0, 0.2), (50.0, 0.001))),
+        ErrorCurve("ours", "new", points((1.0, 0.1), (2.0, 0.01))),
+        ErrorCurve("theirs", "new", points((10.0, 0.1), (80.0, 0.02))),
+        ErrorCurve("ours", "known", points((0.1, 0.001))),
+        ErrorCurve("theirs", "known", points((5.0, 0.2), (50.0, 0.001))),
     ]
     rows = table(curves, (0.1, 0.01))
     cells = {(row.renderer, row.pose): row.cells for row in rows}

@@ -16,7 +16,7 @@ from handbench.results.record import Device, Provenance
 from handbench.results.recordfile import sealed
 from handbench.studies.record import SCHEMA
 from handbench.studies.speed.equal_error import TimeAt, table
-from handbench.studies.speed.measure import Curve, Point
+from handbench.studies.speed.measure import ErrorCurve, Trial
 from handbench.studies.speed.record import (
     Fit,
     MethodStudy,
@@ -32,8 +32,8 @@ from handbench.studies.speed.record import (
 from handbench.studies.speed.study import GOALS
 
 
-def curve(renderer: str, pose: str, *pairs: tuple[float, float], knob: str = "lights") -> Curve:
-    return Curve(renderer, pose, tuple(Point(knob, f"{e:g}", e, (t, 1.1 * t, 1.2 * t)) for t, e in pairs))
+def curve(renderer: str, pose: str, *pairs: tuple[float, float], knob: str = "lights") -> ErrorCurve:
+    return ErrorCurve(renderer, pose, tuple(Trial(knob, f"{e:g}", e, (t, 1.1 * t, 1.2 * t)) for t, e in pairs))
 
 
 @pytest.fixture

@@ -62,7 +62,7 @@ class Shot:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class Rendering:
     """A pose before one camera and all that is rendered of it there, in one go."""
 
     camera: Camera
@@ -90,14 +90,14 @@ class Performance:
         return f"{self.subject.name}/{self.name}"
 
     @property
-    def views(self) -> tuple[View, ...]:
+    def views(self) -> tuple[Rendering, ...]:
         """Every camera of its shots once, with the lightings that are traced there."""
-        views: dict[str, View] = {}
+        views: dict[str, Rendering] = {}
         for shot in self.shots:
             lit = tuple(lighting for lighting in shot.lightings if lighting.traced)
             for camera in shot.cameras:
                 before = views[camera.name].lightings if camera.name in views else ()
-                views[camera.name] = View(camera, (*before, *lit), shot.device)
+                views[camera.name] = Rendering(camera, (*before, *lit), shot.device)
         return tuple(views.values())
 
 

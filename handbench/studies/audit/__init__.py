@@ -14,12 +14,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from ...bench.check import Verdict
+from ...bench.check import Finding
 from ...bench.failure import failure
 from . import calibration, injection, order, pixels, records, separation, strangers
 from .evidence import Check, Evidence, Tables, gather
 
-__all__ = ["Verdict", "audit"]
+__all__ = ["Finding", "audit"]
 
 CHECKS: dict[str, Check] = {
     "coverage": records.coverage,
@@ -39,7 +39,7 @@ CHECKS: dict[str, Check] = {
 }
 
 
-def audit(run_folder: Path, tables: Tables, protocol: str | None = None, data: Path | None = None) -> Iterator[Verdict]:
+def audit(run_folder: Path, tables: Tables, protocol: str | None = None, data: Path | None = None) -> Iterator[Finding]:
     """One verdict a check of `CHECKS`, as they are done; `tables` makes the table of a run folder.
 
     `protocol` names the run's protocol file if it is not a registered one; `data` is where captures are kept. Nothing
@@ -51,10 +51,10 @@ def audit(run_folder: Path, tables: Tables, protocol: str | None = None, data: P
         yield _tried(name, check, evidence)
 
 
-def _tried(name: str, check: Check, evidence: Evidence) -> Verdict:
+def _tried(name: str, check: Check, evidence: Evidence) -> Finding:
     """The verdict of a check. One that crashes, for example over a damaged file, does not hold, and says why."""
     try:
         holds, detail = check(evidence)
     except BaseException as error:
-        return Verdict(name, False, failure(error).reason)
-    return Verdict(name, holds, detail)
+        return Finding(name, False, failure(error).reason)
+    return Finding(name, holds, detail)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from ...results.schema import told
-from .measure import Curve, Point
+from .measure import ErrorCurve, Trial
 
 TARGETS = (0.10, 0.03, 0.01, 0.003)
 """Relative RMSE at which renderers are compared."""
@@ -22,16 +22,16 @@ class Reached:
     bound: bool = False
 
 
-def pareto(points: Iterable[Point]) -> list[Point]:
+def pareto(points: Iterable[Trial]) -> list[Trial]:
     """The points that no other beats in both time and error, from quick and wrong to slow and right."""
-    front: list[Point] = []
+    front: list[Trial] = []
     for point in sorted(points, key=lambda p: (p.time, p.error)):
         if not front or point.error < front[-1].error:
             front.append(point)
     return front
 
 
-def time_at(points: Iterable[Point], error: float) -> Reached | None:
+def time_at(points: Iterable[Trial], error: float) -> Reached | None:
     """Seconds to a relative error: interpolated in log time over log error along the Pareto front.
 
     None if no point reaches it.
@@ -94,7 +94,7 @@ class Line:
     cells: tuple[TimeAt, ...] = told("one an error")
 
 
-def table(curves: Sequence[Curve], targets: Sequence[float] = TARGETS) -> tuple[Line, ...]:
+def table(curves: Sequence[ErrorCurve], targets: Sequence[float] = TARGETS) -> tuple[Line, ...]:
     """A line a pose and renderer: seconds to each error, and for competitors how much faster ours is."""
     lines = []
     for pose in dict.fromkeys(curve.pose for curve in curves):

@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Point:
+class Trial:
     """One setting of a renderer, how wrong the picture is, and how long it took."""
 
     knob: str = told("what was turned")
@@ -36,12 +36,12 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Curve:
+class ErrorCurve:
     """The points of one renderer for new poses or for known ones."""
 
     renderer: str = told("its name")
     pose: Literal["new", "known"] = told("which poses")
-    points: tuple[Point, ...] = told("one a setting")
+    points: tuple[Trial, ...] = told("one a setting")
 
 
 def timed(prepare: Callable[[int], Any], work: Callable[[Any], T], repeats: int) -> tuple[tuple[float, ...], list[T]]:

@@ -29,7 +29,7 @@ from ...recording import Recording
 from ...registry import METHODS
 from ...scene import Directional, Environment, Frame, Group, Light, Query, needed
 from ...skips import NONE, Skips, skipping
-from .measure import Point, timed
+from .measure import Trial, timed
 from .record import MethodStudy, PoseCurve
 from .scene import moved
 from .truth import relative_rmse
@@ -81,7 +81,7 @@ def _curves(prior: Prior, enrolment: Recording, query: Query, quick: bool) -> tu
     with skipping(NONE):  # an avatar of its own: what one keeps fits the skips it was kept under
         without = prior.personalise(enrolment)
         expected = without.relight(query).image.astype(np.float64)
-    kinds: dict[Literal["new", "known"], list[Point]] = {"new": [], "known": []}
+    kinds: dict[Literal["new", "known"], list[Trial]] = {"new": [], "known": []}
     repeats = 2 if quick else 5
 
     def add(knob: str, label: str, one: Avatar, lit: Lit = lambda light: light, skips: Skips = _FULL) -> None:
@@ -91,11 +91,11 @@ def _curves(prior: Prior, enrolment: Recording, query: Query, quick: bool) -> tu
 
         with skipping(skips):
             seconds, images = timed(new, lambda q: one.relight(q).image, repeats)
-            kinds["new"].append(Point(knob, label, relative_rmse(images[-1], expected), seconds))
+            kinds["new"].append(Trial(knob, label, relative_rmse(images[-1], expected), seconds))
             posed = one.pose(query.viewpoint)
             seconds, _ = timed(lambda step: lit(_turned(query.light, step)), posed.relight, repeats)
             image = posed.relight(lit(query.light)).image
-            kinds["known"].append(Point(knob, label, relative_rmse(image, expected), seconds))
+            kinds["known"].append(Trial(knob, label, relative_rmse(image, expected), seconds))
 
     add("default", "as it is", avatar)
     add("skips", "no skips", without, skips=NONE)

@@ -10,7 +10,7 @@ from ...results.record import Provenance
 from ...results.schema import told
 from ..record import read_study, write_study
 from .equal_error import Line
-from .measure import Curve, Point
+from .measure import ErrorCurve, Trial
 
 RESULT = "speed.json"
 MITSUBA = {"default": "Mitsuba direct", "tuned": "Mitsuba direct, tuned"}
@@ -52,7 +52,7 @@ class SceneStudy:
     mitsuba_residual: Residual | None = told("where Mitsuba converges to; null if it was not asked")
     notes: tuple[str, ...] = told("what a reader must know")
     learn: tuple[Learned, ...] = told("what it took to keep a pose, by setting")
-    curves: tuple[Curve, ...] = told("one a renderer and pose")
+    curves: tuple[ErrorCurve, ...] = told("one a renderer and pose")
     equal_error: tuple[Line, ...] = told("times to the same errors")
 
 
@@ -92,7 +92,7 @@ class PoseCurve:
     """A method's settings for new poses or for known ones."""
 
     pose: Literal["new", "known"] = told("which")
-    points: tuple[Point, ...] = told("one a setting")
+    points: tuple[Trial, ...] = told("one a setting")
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from .competitors import Mitsuba, Naive
 from .configurations import known_pose_sweep, new_pose_sweep
 from .core import Core
 from .equal_error import TARGETS, table
-from .measure import Curve, Point, timed
+from .measure import ErrorCurve, Trial, timed
 from .record import MITSUBA, Goal, Learned, Reference, Residual, SceneStudy, SpeedRecord
 from .scaling import scalings
 from .scene import Scene, moved, scenes
@@ -84,13 +84,13 @@ def of_scene(scene: Scene, quick: bool, progress: Progress = silent) -> SceneStu
             notes.append(str(error))
     else:
         notes.append("Mitsuba has no BRDF of these terms, so it is compared on the Lambert scenes only")
-    points: dict[tuple[str, _Pose], list[Point]] = {}
+    points: dict[tuple[str, _Pose], list[Trial]] = {}
     kept: list[Learned] = []
     for done, (renderer, pose, job) in enumerate(jobs, start=1):
         for point in job(kept):
             points.setdefault((renderer, pose), []).append(point)
         progress(done, len(jobs))
-    curves = [Curve(renderer, pose, tuple(found)) for (renderer, pose), found in points.items()]
+    curves = [ErrorCurve(renderer, pose, tuple(found)) for (renderer, pose), found in points.items()]
     return SceneStudy(
         name=scene.name,
         title=scene.title,
@@ -106,15 +106,15 @@ def of_scene(scene: Scene, quick: bool, progress: Progress = silent) -> SceneStu
 
 
 _Pose: TypeAlias = Literal["new", "known"]
-_Job: TypeAlias = tuple[str, _Pose, Callable[[list[Learned]], list[Point]]]
+_Job: TypeAlias = tuple[str, _Pose, Callable[[list[Learned]], list[Trial]]]
 
 
 def _ours(scene: Scene, expected: Truth, quick: bool, repeats: int) -> list[_Job]:
-    def new(knob: str, core: Core) -> list[Point]:
+    def new(knob: str, core: Core) -> list[Trial]:
         work = timed(lambda step: moved(scene.mesh, step), core.new_pose, repeats)
         return [_point(knob, core.configuration.label, expected, *work)]
 
-    def known(knob: str, core: Core, kept: list[Learned]) -> list[Point]:
+    def known(knob: str, core: Core, kept: list[Learned]) -> list[Trial]:
         seconds, answers = timed(lambda step: moved(scene.mesh, step), core.learn, 1)
         kept.append(Learned(core.configuration.label, seconds[0]))
         work = timed(lambda step: scene.environment, answers[0].picture, 3 * repeats)
@@ -136,7 +136,7 @@ def _naive(scene: Scene, expected: Truth, quick: bool, repeats: int) -> list[_Jo
     settings += [] if quick else [(192, (16, 32)), (384, (8, 16))]
     few = max(2, repeats // 2)
 
-    def run(texture: int, grid: tuple[int, int], pose: _Pose) -> list[Point]:
+    def run(texture: int, grid: tuple[int, int], pose: _Pose) -> list[Trial]:
         naive = Naive(scene, texture, grid)
         label = f"{texture}^2, {grid[0]}x{grid[1]} grid"
         if pose == "new":
@@ -159,22 +159,22 @@ def _mitsuba(scene: Scene, expected: Truth, samples: Sequence[int], repeats: int
         most = samples[-1] * (4 if setting == "default" else 1)  # plain random samples need more of them
         for count in [*samples, most] if most > samples[-1] else samples:
 
-            def new(kept: list[Learned], r: Mitsuba = renderer, n: int = count) -> list[Point]:
+            def new(kept: list[Learned], r: Mitsuba = renderer, n: int = count) -> list[Trial]:
                 def posed(mesh: Any) -> Array:
                     r.pose(mesh)
                     return r.picture(n)
 
                 return [_point("samples", f"{n} spp", expected, *timed(lambda s: moved(scene.mesh, s), posed, few))]
 
-            def known(kept: list[Learned], r: Mitsuba = renderer, n: int = count) -> list[Point]:
+            def known(kept: list[Learned], r: Mitsuba = renderer, n: int = count) -> list[Trial]:
                 return [_point("samples", f"{n} spp", expected, *timed(lambda s: s, lambda s: r.picture(n), few))]
 
             jobs += [(name, "new", new), (name, "known", known)]
     return jobs
 
 
-def _point(knob: str, label: str, expected: Truth, seconds: tuple[float, ...], pictures: list[Array]) -> Point:
-    return Point(knob, label, median(expected.error(picture) for picture in pictures), seconds)
+def _point(knob: str, label: str, expected: Truth, seconds: tuple[float, ...], pictures: list[Array]) -> Trial:
+    return Trial(knob, label, median(expected.error(picture) for picture in pictures), seconds)
 
 
 def converged(scene: Scene, expected: Truth, pictures: int, samples: int = 256) -> Residual:

@@ -18,7 +18,7 @@ from ....scene import Array, Camera, Environment, Known, Light, known_leaves, le
 from .bake import Lit, Posed, lit
 from .skies import Sky, sky
 from .surface import TracedSurface, displace
-from .view import View, picture
+from .view import Covered, picture
 
 __all__ = ["GBuffer", "PathTracer", "TracedSurface", "displace"]
 
@@ -78,7 +78,7 @@ class PathTracer:
             found = self._light(posed, singles, skies, max_depth - 2, seed)
             raster = rasterise(posed.mesh, camera, GRID)
             for samples in _bands(raster):
-                view = View(posed, raster, samples)
+                view = Covered(posed, raster, samples)
                 parts = iter(picture(view, found, skies, max(1, round(spp / _PER_RAY)), seed).astype(np.float32))
                 for image, light in zip(images, lights, strict=True):
                     for _ in leaves(light):

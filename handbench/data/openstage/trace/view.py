@@ -36,7 +36,7 @@ _GOLDEN3 = (0.8191725133961645, 0.6710436067037893, 0.5497004779019702)
 _ROULETTE = 0.02
 
 
-class View:
+class Covered:
     """The covered samples of a camera, sorted by pixel, and their geometry and textures.
 
     pixels (P,): the pixels that any sample covers, flat indices; starts (P + 1,): where their samples begin.
@@ -94,7 +94,7 @@ class View:
         return np.arange(len(self.pixels)).repeat(np.diff(self.starts))
 
 
-def picture(view: View, lit: Lit, skies: Sequence[Sky | None], per_place: int, seed: int) -> Array:
+def picture(view: Covered, lit: Lit, skies: Sequence[Sky | None], per_place: int, seed: int) -> Array:
     """Radiance (L, P, 3) of the view's pixels under every light."""
     pigment = view.pigment
     image = np.stack([(view.matrix(pigment[:, c]) @ lit.leaves[c]).T for c in range(3)], axis=2).astype(np.float64)
@@ -111,7 +111,7 @@ def picture(view: View, lit: Lit, skies: Sequence[Sky | None], per_place: int, s
     return np.maximum(image, 0.0)
 
 
-def _tilt(view: View, lit: Lit, pigment: Array, image: Array) -> None:
+def _tilt(view: Covered, lit: Lit, pigment: Array, image: Array) -> None:
     """Add how relief shows in the diffuse light of environments."""
     if not lit.environments or view.normal is view.smooth:
         return
@@ -124,7 +124,7 @@ def _tilt(view: View, lit: Lit, pigment: Array, image: Array) -> None:
                 image[i, :, c] += found[:, k]
 
 
-def _single(view: View, lit: Lit, i: int, pigment: Array) -> Array:
+def _single(view: Covered, lit: Lit, i: int, pigment: Array) -> Array:
     """What the lobes mirror of a single light, and how relief shows in its diffuse light, (P, 3)."""
     light, seen = lit.lights[i], lit.seen[i]
     assert seen is not None
@@ -148,7 +148,7 @@ def _single(view: View, lit: Lit, i: int, pigment: Array) -> Array:
     return result * colour(light)
 
 
-def _mirrored(view: View, lit: Lit, skies: Sequence[Sky | None], per_place: int, seed: int, image: Array) -> None:
+def _mirrored(view: Covered, lit: Lit, skies: Sequence[Sky | None], per_place: int, seed: int, image: Array) -> None:
     """Add what the lobes mirror along sampled rays: other parts of the surface, and the skies."""
     posed = view.posed
     rays = posed.mesh.rays
@@ -175,7 +175,7 @@ def _mirrored(view: View, lit: Lit, skies: Sequence[Sky | None], per_place: int,
                     image[i, :, c] += np.bincount(pixel, found[:, c] * weight, minlength=len(view.pixels))
 
 
-def _passes(view: View, per_place: int) -> Iterator[tuple[int, Array, Array]]:
+def _passes(view: Covered, per_place: int) -> Iterator[tuple[int, Array, Array]]:
     """One ray each of some samples at a time: its number, which samples, and how many rays each of them has in all."""
     edge = view.facing < _EDGE
     count = np.where(edge, _MORE * per_place, per_place).astype(np.float32)
@@ -184,7 +184,7 @@ def _passes(view: View, per_place: int) -> Iterator[tuple[int, Array, Array]]:
         yield k, which, count[which]
 
 
-def _sampled(view: View, which: Array, u: Array, v: Array) -> tuple[Array, Array, Array]:
+def _sampled(view: Covered, which: Array, u: Array, v: Array) -> tuple[Array, Array, Array]:
     """Directions (S, 3) from one of the lobes, BRDF times cosine over their density, and the density (S,)."""
     roughness, facing, frame = view.roughness[which], view.facing[which], view.normal[which]
     sharper, broader = alphas(roughness)
@@ -203,7 +203,9 @@ def _sampled(view: View, which: Array, u: Array, v: Array) -> tuple[Array, Array
     return to_world(frame, out), np.where(cosine > 0, value / chance, 0.0), chance
 
 
-def _add_skin(view: View, lit: Lit, pixel: Array, weight: Array, face: Array, barycentric: Array, image: Array) -> None:
+def _add_skin(
+    view: Covered, lit: Lit, pixel: Array, weight: Array, face: Array, barycentric: Array, image: Array
+) -> None:
     """Add light that leaves the surface where mirrored rays meet it."""
     posed = view.posed
     order = np.argsort(pixel, kind="stable")
@@ -217,7 +219,7 @@ def _add_skin(view: View, lit: Lit, pixel: Array, weight: Array, face: Array, ba
         image[:, :, c] += (csr_array((data, corners.ravel(), starts), shape=shape) @ lit.leaves[c]).T
 
 
-def _aimed(view: View, sky: Sky, so_far: Array, per_place: int, seed: int) -> Array:
+def _aimed(view: Covered, sky: Sky, so_far: Array, per_place: int, seed: int) -> Array:
     """What the lobes mirror of a map's bright texels (P, 3); faint shares are traced by chance, in proportion."""
     rays, owner = view.posed.mesh.rays, view.owner
     rng = np.random.default_rng([seed, 4])
