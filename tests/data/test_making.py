@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -126,6 +127,26 @@ with claim(Path({str(tmp_path)!r}) / 'claims' / 's01--pose-0') as ours:
             holder.send_signal(signal.SIGKILL)
             holder.wait()
 
+    assert make(PLAN, tmp_path, progress) == ()
+    assert told == [1, 2, 3, 4]
+    assert content(tmp_path) == content(whole)
+
+
+def test_what_another_process_makes_counts_as_soon_as_it_is_there(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextmanager
+    def theirs(place: Path) -> Iterator[bool]:
+        yield place.name != "s01--pose-0"
+
+    told: list[int] = []
+
+    def progress(step: int, total: int, **values: float) -> None:
+        told.append(step)
+        if step == 1:  # the other one is ready while our first is made
+            shutil.copytree(whole / "s01/pose-0", tmp_path / "s01/pose-0")
+
+    monkeypatch.setattr(module, "claim", theirs)
     assert make(PLAN, tmp_path, progress) == ()
     assert told == [1, 2, 3, 4]
     assert content(tmp_path) == content(whole)

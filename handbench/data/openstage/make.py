@@ -122,7 +122,7 @@ def _work(maker: Maker, performances: Sequence[Performance], paths: dict[str, li
     total = sum(len(one.views) for one in performances)
     left, done, pause = list(performances), 0, 0.1
     while left:
-        later = []
+        later: list[Performance] = []
         for performance in left:
             with claim(maker.folder / "claims" / performance.key.replace("/", "--")) as ours:
                 if not ours:
@@ -131,6 +131,12 @@ def _work(maker: Maker, performances: Sequence[Performance], paths: dict[str, li
                 for _ in _made(maker, performance, _all_there(paths[performance.key])):
                     done += 1
                     progress(done, total)
+            # what others have made meanwhile counts as soon as it is there: the time that is left depends on it
+            made = [other for other in later if _all_there(paths[other.key])]
+            later = [other for other in later if other not in made]
+            if made:
+                done += sum(len(other.views) for other in made)
+                progress(done, total)
         if len(later) < len(left):
             pause = 0.1
         else:
