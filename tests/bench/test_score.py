@@ -189,6 +189,48 @@ def test_the_template_tells_of_enrolment_what_it_gives_and_of_queries_what_a_met
     assert "s02/pose-0/front/full" not in told and "s02/pose-2/front/full" not in told
 
 
+@pytest.mark.parametrize(
+    ("capture", "segment", "gives", "archived"),
+    [
+        ("openphone", "scan", ["image", "alpha", "camera", "depth", "keypoints"], {"depth", "keypoints"}),
+        ("openscans", "scan", ["image", "camera", "normal", "scan"], {"normal", "scan_vertices", "scan_faces"}),
+        ("openscans", "scan", ["image", "camera"], set()),
+    ],
+)
+def test_the_template_hands_over_what_else_was_recorded_if_it_is_given(
+    capture, segment, gives, archived, toy_protocol, tmp_path
+):
+    opened = CAPTURES.load(capture)(size="mini")
+    frames = [frame for frame in opened.frames() if frame.segment == segment]
+    people = sorted({frame.subject for frame in frames})
+    one = {"name": "own", "title": "Own", "subjects": "unseen", "segments": [segment]}
+    protocol = toy_protocol(
+        capture=capture,
+        size="mini",
+        subjects={"trained": people[:1], "unseen": people[1:]},
+        train={"segments": [segment]},
+        enrol={"segments": [segment], "gives": gives},
+        column=[{**one, "shares": ["subject", "pose", "light"], "limit": 1}],
+        methods=["oracle"],
+    )
+    place = tmp_path / "new"
+    template(protocol, place, images=True)
+    asked = json.loads((place / "asked" / "queries.json").read_text())
+    moments = {frame.key: frame.moment for frame in frames}
+    row = next(row for row in asked["enrol"] if row["subject"] == people[1])
+    frame = next(frame for frame in frames if frame.viewpoint.key == row["key"].rsplit("/", 1)[0])
+    assert row.get("moment") == moments[frame.key]
+    beside = place / "asked" / "images" / f"{row['key']}.npz"
+    assert beside.is_file() == bool(archived)
+    if archived:
+        found, seen = np.load(beside), opened.observe(frame)
+        assert set(found.files) == archived
+        for name in archived & {"depth", "keypoints", "normal"}:
+            assert np.array_equal(found[name], getattr(seen, name))
+        if seen.scan is not None and "scan_vertices" in archived:
+            assert np.array_equal(found["scan_vertices"], seen.scan.vertices)
+
+
 def test_pictures_in_the_light_as_enrolled_are_scored(strict, tmp_path):
     place = tmp_path / "theirs"
     template(strict, place)

@@ -5,6 +5,7 @@ FOLDER/asked/queries.json               every query, and the frames that trainin
 FOLDER/asked/meshes/SUBJECT/POSE.npz    vertices, faces, and uvs, uv_faces
 FOLDER/asked/environments/N.exr         radiance of the environments, equirectangular, row 0 = +y
 FOLDER/asked/images/….exr               with images: the recorded pictures of training and enrolment, never others
+FOLDER/asked/images/….npz               beside them what else was recorded: depth, normals, UVs, key points, scans
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ class _Tables:
             "subject": query.subject,
             "pose": self._number(self.poses, partial(self._pose, query), query.pose, query.mesh, shape),
             "lighting": query.lighting,
-            **({"kind": query.kind} if isinstance(query, Frame) else {}),
+            **(_recorded(query) if isinstance(query, Frame) else {}),
             "camera": self._number(self.cameras, partial(_camera, query.camera), query.camera),
             "light": self._number(self.lights, partial(self._light, query.light), query.light),
         }
@@ -156,7 +157,7 @@ def write_template(
     images: bool = False,
     progress: Progress = silent,
 ) -> None:
-    """Write what is asked into a new folder, whole or not at all; with `images`, those of training and enrolment too.
+    """Write what is asked into a new folder, whole or not at all; with `images`, what training and enrolment saw too.
 
     The recordings are what a method sees that trains, and that enrols each subject. A frame of one key in both is the
     same, and its picture is training's. Raises `InputError` if the folder has something in it, `StorageError` if it
@@ -176,7 +177,7 @@ def write_template(
             if images:
                 shown = {frame.key: (seen, frame) for seen in (*enrolments, training) for frame in seen.frames}
                 for i, (seen, frame) in enumerate(shown.values()):
-                    _write_image(picture_path(part / ASKED / "images", frame.key), seen.observe(frame))
+                    _write_observation(picture_path(part / ASKED / "images", frame.key), seen.observe(frame))
                     progress(i + 1, len(shown))
             queries = {
                 "conventions": _CONVENTIONS,
@@ -201,10 +202,21 @@ def write_template(
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _write_image(path: Path, observation: Observation) -> None:
+def _recorded(frame: Frame) -> dict[str, Any]:
+    """What a frame tells beyond a query: how it was lit, and its place in a sequence."""
+    return {"kind": frame.kind} | ({} if frame.moment is None else {"moment": frame.moment})
+
+
+def _write_observation(path: Path, seen: Observation) -> None:
+    """A picture, with alpha if it is given, and whatever else was recorded in an archive of the same name."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    alpha = {} if observation.alpha is None else {"A": observation.alpha}
-    write_exr(path, {**rgb(observation.image, dtype=np.float32), **alpha})
+    alpha = {} if seen.alpha is None else {"A": seen.alpha}
+    write_exr(path, {**rgb(seen.image, dtype=np.float32), **alpha})
+    parts = {name: getattr(seen, name) for name in ("depth", "normal", "uv", "keypoints")}
+    if seen.scan is not None:
+        parts |= {"scan_vertices": seen.scan.vertices, "scan_faces": seen.scan.topology.faces}
+    if given := {name: values for name, values in parts.items() if values is not None}:
+        np.savez_compressed(path.with_suffix(".npz"), **given)
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
