@@ -11,8 +11,12 @@ from handbench.scene import Array, Prediction
 
 
 def prediction(raster: Raster, texture: Tensor) -> Prediction:
-    """The texture (3, R, R) drawn by a raster, with the raster's depth and normals. Raises `NonFinite` for NaN."""
-    image = raster.sample(texture.detach()).permute(1, 2, 0).cpu()
+    """The texture (3, R, R) drawn by a raster, see `pictured`."""
+    return pictured(raster, raster.sample(texture.detach()).permute(1, 2, 0).cpu())
+
+
+def pictured(raster: Raster, image: Tensor) -> Prediction:
+    """An image (H, W, 3) of what a raster sees, with the raster's depth and normals. Raises `NonFinite` for NaN."""
     if not image.isfinite().all():
         bad = int((~image.isfinite()).sum())
         raise NonFinite(f"the method drew {bad} values that are NaN or infinite")
