@@ -31,7 +31,10 @@ class Skips:
     unseen          texels that no pixel looks up, for methods that shade texel by texel
     occluded        blocks of texel-light pairs that are all in shadow
     missing_lobes   the specular lobe where a model or a method has none
-    outside_box     pixels outside the boxes of the hand's triangles
+    outside_box     pixels outside the boxes of the hand's triangles, and rays that miss the hand's box
+    empty_space     parts of a ray through a volume that are out of a surface's reach
+    saturated       parts of a ray through a volume behind which nothing is seen any more
+    weightless      samples of a volume that contribute next to nothing to their pixel
     known           what a posed avatar or surface worked out for earlier lights
     """
 
@@ -44,6 +47,9 @@ class Skips:
     occluded: bool = True
     missing_lobes: bool = True
     outside_box: bool = True
+    empty_space: bool = True
+    saturated: bool = True
+    weightless: bool = True
     known: bool = True
 
     def __post_init__(self) -> None:

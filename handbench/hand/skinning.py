@@ -66,6 +66,18 @@ def linear_blend(
     translation: Tensor,
 ) -> Tensor:
     """Pose vertices (V, 3) with joints at heads (J, 3) by axis-angles (J, 3) in the joints' frames (J, 3, 3)."""
+    turn, offset = joint_transforms(heads, parents, frames, joint_rotations)
+    posed = torch.einsum("vj,jab,vb->va", weights, turn, vertices) + weights @ offset
+    return posed @ rotation_matrix(rotation).T + translation
+
+
+def joint_transforms(
+    heads: Tensor, parents: tuple[int, ...], frames: Tensor, joint_rotations: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Where each joint takes what is fixed to it: x -> turn x + offset, turn (J, 3, 3) and offset (J, 3).
+
+    heads (J, 3) are the joints at rest; the rotations (J, 3) are axis-angles in the joints' frames (J, 3, 3).
+    """
     local = frames @ rotation_matrix(joint_rotations) @ frames.transpose(-1, -2)
     rotations: list[Tensor] = []
     positions: list[Tensor] = []
@@ -77,6 +89,4 @@ def linear_blend(
             rotations.append(rotations[parent] @ local[j])
             positions.append(positions[parent] + rotations[parent] @ (heads[j] - heads[parent]))
     turn = torch.stack(rotations)
-    offset = torch.stack(positions) - torch.einsum("jab,jb->ja", turn, heads)
-    posed = torch.einsum("vj,jab,vb->va", weights, turn, vertices) + weights @ offset
-    return posed @ rotation_matrix(rotation).T + translation
+    return turn, torch.stack(positions) - torch.einsum("jab,jb->ja", turn, heads)
