@@ -24,8 +24,7 @@ from handbench.files import check_value
 from handbench.recording import PARTS
 from handbench.scene import check_frame_kind
 from handbench.terminal import printable
-
-from .toml import read_toml
+from handbench.tomlfile import read_toml
 
 T = TypeVar("T")
 

@@ -32,9 +32,14 @@ def add(verbs: Any) -> None:
     show.add_argument("--out", type=Path, metavar="PNG", help="the picture (default: CAPTURE.png)")
     show.set_defaults(verb=_data_show)
     check = data.add_parser("check", help="read every frame once and list what is wrong; exit code 2 if anything is")
+    check.add_argument("--out", type=Path, metavar="PNG", help="a sheet of what is told, drawn over the pictures")
     check.set_defaults(verb=_data_check)
+    template = data.add_parser("template", help="write a handbench.toml for a folder of your own pictures")
+    template.add_argument("place", type=Path, metavar="FOLDER", help="a folder with pictures")
+    template.set_defaults(verb=_data_template)
     for verb in (make, show, check):
-        verb.add_argument("capture", help="a name that 'handbench list captures' shows")
+        more = "" if verb is make else ", or a folder of your own"
+        verb.add_argument("capture", help=f"a name that 'handbench list captures' shows{more}")
         verb.add_argument("--size", default="quick", metavar="SIZE")
         verb.add_argument("--folder", type=Path, metavar="DIR", help="where captures are kept")
 
@@ -74,18 +79,52 @@ def _data_show(arguments: argparse.Namespace) -> int:
 
 def _data_check(arguments: argparse.Namespace) -> int:
     from ..bench.progress import steps
+    from ..data.conventions import checked
     from ..data.inspection import troubles
+    from ..data.overlay import write_sheet
+    from ..files import check_file
 
+    own = _own(arguments)
+    sheet = arguments.out or (Path(f"{arguments.capture.rstrip('/').rpartition('/')[2]}-check.png") if own else None)
+    if sheet is not None:
+        check_file(sheet, _ELSEWHERE)
     capture = _capture(arguments)
+    if own:
+        say(f"{capture.name}: {capture.layout}, offers {', '.join(sorted(capture.offers))}")
     with steps() as told:
         found = list(troubles(capture, told("frames")))
     for trouble in found:
         say(trouble)
     for remark in capture.remarks:
         say(f"{capture.name}: {remark}")
+    looked = checked(capture)
+    if looked.overlap is not None:
+        say(f"{capture.name}: hand and masks share {looked.overlap:.0%} of what they cover")
+    for doubt in looked.doubts:
+        say(f"{capture.name}: {doubt}")
+    found += looked.doubts
+    if sheet is not None:
+        write_sheet(capture, sheet)
+        say(f"sheet: {sheet}")
     count = len(capture.frames())
     say(f"{capture.name}: {count} frames, " + (f"{len(found)} troubles" if found else "all sound"))
     return 2 if found else 0
+
+
+def _data_template(arguments: argparse.Namespace) -> int:
+    from ..data.folder.template import write_template
+
+    path = write_template(arguments.place)
+    say(f"{path} is written: look through it, then run 'handbench data check {arguments.place}'")
+    return 0
+
+
+def _own(arguments: argparse.Namespace) -> bool:
+    """Whether a folder is named, not a capture: one that is called like a capture is told by a slash."""
+    from ..registry import CAPTURES
+
+    named = arguments.capture
+    return "/" in named or (named not in CAPTURES.entries() and Path(named).is_dir())
 
 
 def _capture(arguments: argparse.Namespace) -> Any:
@@ -93,5 +132,9 @@ def _capture(arguments: argparse.Namespace) -> Any:
     from ..bench.progress import steps
     from ..data.capture import open_capture
 
+    if arguments.verb is not _data_make and _own(arguments):
+        from ..data.readers import open_at
+
+        return open_at(Path(arguments.capture))
     with steps() as told:
         return open_capture(arguments.capture, arguments.size, arguments.folder, told)

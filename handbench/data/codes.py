@@ -1,4 +1,4 @@
-"""PNG and JPEG files: the codes they hold, turned upright, and what the file says that the codes mean.
+"""PNG, JPEG and AVIF files: the codes they hold, turned upright, and what the file says that the codes mean.
 
 A PNG may state its curve (gAMA, sRGB, cICP, an ICC profile) and its primaries (cHRM), both kinds may state how the
 camera was held (Exif). sRGB and linear codes are told apart; whatever else is stated is refused by name, unless the
@@ -36,7 +36,7 @@ class Codes:
 
 
 def read_codes(path: Path, what: str = "picture", max_pixels: int = MAX_PIXELS, said: bool = False) -> Codes:
-    """The codes of a PNG or JPEG file; with `said`, what the file states of curve and primaries is not looked at.
+    """The codes of a PNG, JPEG or AVIF file; with `said`, what the file states of curve and primaries is not looked at.
 
     Raises `InputError` for a file that is damaged, animated, of CMYK, larger than `max_pixels`, or that states a curve
     or primaries that are neither sRGB's nor linear.
@@ -46,7 +46,7 @@ def read_codes(path: Path, what: str = "picture", max_pixels: int = MAX_PIXELS, 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit is ours
-            with Image.open(path, formats=("PNG", "JPEG")) as image:
+            with Image.open(path, formats=("PNG", "JPEG", "AVIF")) as image:
                 check_size(path, what, *image.size, max_pixels)
                 if image.mode == "CMYK" or getattr(image, "n_frames", 1) > 1:
                     kind = "in CMYK" if image.mode == "CMYK" else "animated"

@@ -27,9 +27,10 @@ _STARTS = {
 }
 _NAMED = {
     ".exr": ("EXR",),
-    ".png": ("PNG", "JPEG"),  # both hold display codes, and the decoder looks at the content
-    ".jpg": ("PNG", "JPEG"),
-    ".jpeg": ("PNG", "JPEG"),
+    ".png": ("PNG", "JPEG", "AVIF"),  # all hold display codes, and the decoder looks at the content
+    ".jpg": ("PNG", "JPEG", "AVIF"),
+    ".jpeg": ("PNG", "JPEG", "AVIF"),
+    ".avif": ("PNG", "JPEG", "AVIF"),
     ".npy": ("numpy file",),
     ".npz": ("zip archive (.npz)",),
     ".hdr": ("Radiance picture",),
@@ -54,6 +55,8 @@ def check_kind(path: Path, what: str) -> None:
         raise InputError(f"{what} {path} is damaged: the file is empty; write it anew")
     suffix = path.suffix.lower()
     found = next((kind for start, kind in _STARTS.items() if head.startswith(start)), None)
+    if head[4:11] == b"ftypavi":
+        found = "AVIF"
     if found is not None and found not in _NAMED.get(suffix, (found,)):
         article = "an" if found[0] in "EA" else "a"
         raise InputError(f"{what} {path} is {article} {found} named {suffix}; give it the name of what it is")

@@ -1,8 +1,8 @@
-"""Pictures from anywhere: EXR, PNG, JPEG and numpy files as linear images, folders of them, and masks.
+"""Pictures from anywhere: EXR, PNG, JPEG, AVIF and numpy files as linear images, folders of them, and masks.
 
 File            is taken to be                                          alpha
 .exr            linear Rec. 709, channels R, G, B, and A if there is one    premultiplied
-.png .jpg       sRGB display codes of 8 or 16 bits                      straight, as PNG defines it
+.png .jpg .avif sRGB display codes of 8 or 16 bits                      straight, as PNG defines it
 .npy float      linear, (H, W, 3) or (H, W, 4)                          premultiplied
 .npy uint8/16   the encoding must be said                               straight
 
@@ -29,7 +29,7 @@ from .exr import read_channels
 from .exrheader import colour_channels, read_parts, the_part
 from .filekind import MAX_PIXELS, check_kind
 
-SUFFIXES = (".exr", ".png", ".jpg", ".jpeg", ".npy")
+SUFFIXES = (".exr", ".png", ".jpg", ".jpeg", ".avif", ".npy")
 _SOME = 4  # names that a message lists
 ALPHA_SLACK = 1e-3
 """How far outside [0, 1] an alpha may be to be clamped: filters and half floats do that."""

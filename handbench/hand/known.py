@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 
 import numpy as np
 
-from ..errors import Unsupported
+from ..errors import Absent, Unsupported
 from ..registry import HANDS
 from ..scene import Topology
 from .handmodel import HandModel
@@ -27,7 +29,7 @@ def hand_of(topology: Topology) -> tuple[HandModel, int]:
 
     Raises `Unsupported` if no model has.
     """
-    known = [hand_model(name) for name in HANDS.entries()]
+    known = list(_at_hand())
     for hand in known:
         for level in range(hand.levels + 1):
             faces = hand.topology(level).faces
@@ -40,3 +42,10 @@ def hand_of(topology: Topology) -> tuple[HandModel, int]:
         f"a mesh of {len(topology.faces)} triangles is of none of the hand models that are known ({names}); "
         "use a capture tracked with one of them"
     )
+
+
+def _at_hand() -> Iterator[HandModel]:
+    """The models that can be had: of some the file is licensed, and the user may have none."""
+    for name in HANDS.entries():
+        with suppress(Absent):
+            yield hand_model(name)

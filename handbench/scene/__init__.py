@@ -29,7 +29,7 @@ from .light import (
     known_leaves,
     leaves,
 )
-from .mesh import Mesh, Topology
+from .mesh import Mesh, Topology, UnreadMesh
 from .picture import Observation, Prediction
 
 __all__ = [
@@ -57,6 +57,7 @@ __all__ = [
     "Topology",
     "Uncalibrated",
     "Unknown",
+    "UnreadMesh",
     "Viewpoint",
     "check_frame_kind",
     "kind_of",

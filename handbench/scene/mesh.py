@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +72,30 @@ class Mesh:
     topology: Topology
 
     def __post_init__(self) -> None:
-        _set(self, "vertices", _array("mesh", "vertices", self.vertices, (None, 3), np.float64))
-        faces = self.topology.faces
-        if len(faces) and (faces.min() < 0 or faces.max() >= len(self.vertices)):
-            raise InputError(f"mesh: faces point outside the {len(self.vertices)} vertices; the mesh file is damaged")
+        _set(self, "vertices", _checked(self.vertices, self.topology))
+
+
+class UnreadMesh(Mesh):
+    """A mesh whose vertices are read when they are first asked for, so that frames by the million stay light.
+
+    `read()` gives them, (V, 3) in metres, in an array of its own; what it raises is raised where they are asked for.
+    """
+
+    def __init__(self, read: Callable[[], Array], topology: Topology) -> None:
+        _set(self, "_read", read)
+        _set(self, "topology", topology)
+
+    @property
+    def vertices(self) -> Array:  # type: ignore[override]
+        if "_vertices" not in vars(self):
+            _set(self, "_vertices", _checked(vars(self)["_read"](), self.topology))
+        found: Array = vars(self)["_vertices"]
+        return found
+
+
+def _checked(vertices: Array, topology: Topology) -> Array:
+    array = _array("mesh", "vertices", vertices, (None, 3), np.float64)
+    faces = topology.faces
+    if len(faces) and (faces.min() < 0 or faces.max() >= len(array)):
+        raise InputError(f"mesh: faces point outside the {len(array)} vertices; the mesh file is damaged")
+    return array

@@ -7,8 +7,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from handbench.errors import InputError
-from handbench.files import check_value, read_text
+from .errors import InputError
+from .files import check_value, read_text
 
 LIMIT = 1 << 18  # bytes; the longest protocol of ours has some 10,000
 DEPTH = 16  # tables, lists and points of a key in one another
