@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from .arrays import Array
 from .camera import Box, Camera, Uncalibrated
-from .frame import Frame, Pose, Query, Viewpoint, needed
+from .frame import Frame, Pose, Query, UnreadPose, Viewpoint, needed
 from .light import (
     FRAME_KINDS,
     KNOWN_LIGHTS,
@@ -58,6 +58,7 @@ __all__ = [
     "Uncalibrated",
     "Unknown",
     "UnreadMesh",
+    "UnreadPose",
     "Viewpoint",
     "check_frame_kind",
     "kind_of",

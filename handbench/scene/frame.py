@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -12,7 +13,7 @@ from .arrays import Array
 from .arrays import checked as _array
 from .arrays import put as _set
 from .camera import Camera
-from .light import FrameKind, Light, check_frame_kind, check_light
+from .light import FRAME_KINDS, FrameKind, Light, check_frame_kind, check_light
 from .mesh import Mesh
 
 _Part = TypeVar("_Part")
@@ -44,6 +45,35 @@ class Pose:
         _set(self, "joints", _array("pose", "joints", self.joints, (None, 3), np.float64))
         _set(self, "rotation", _array("pose", "rotation", self.rotation, (3,), np.float64))
         _set(self, "translation", _array("pose", "translation", self.translation, (3,), np.float64))
+
+
+class UnreadPose(Pose):
+    """A pose that is worked out when it is first asked for, so that frames by the million stay light.
+
+    `read()` gives it; what it raises is raised where the pose is asked for.
+    """
+
+    def __init__(self, read: Callable[[], Pose]) -> None:
+        _set(self, "_read", read)
+
+    @property
+    def joints(self) -> Array:  # type: ignore[override]
+        return self._pose.joints
+
+    @property
+    def rotation(self) -> Array:  # type: ignore[override]
+        return self._pose.rotation
+
+    @property
+    def translation(self) -> Array:  # type: ignore[override]
+        return self._pose.translation
+
+    @property
+    def _pose(self) -> Pose:
+        if "_found" not in vars(self):
+            _set(self, "_found", vars(self)["_read"]())
+        found: Pose = vars(self)["_found"]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +115,8 @@ class Query:
     light: Light
 
     def __post_init__(self) -> None:
-        check_light(f"query {self.key!r}", self.light)
+        if not isinstance(self.light, Light):  # the key is put together for the message alone
+            check_light(f"query {self.key!r}", self.light)
 
     @property
     def pose_key(self) -> str:
@@ -116,7 +147,8 @@ class Frame(Query):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_frame_kind(f"frame {self.key!r}", self.kind)
+        if self.kind not in FRAME_KINDS:
+            check_frame_kind(f"frame {self.key!r}", self.kind)
         if self.shape is not None:
             _set(self, "shape", _array("frame", "shape", self.shape, (None,), np.float64))
 
