@@ -5,6 +5,8 @@
     Avatar.pose(viewpoint)          -> PosedAvatar    what a pose and a camera add
     PosedAvatar.relight(light)      -> Prediction     a picture
 
+A method whose avatars can be kept also has Avatar.save(folder), and Prior.restore(folder) -> Avatar.
+
 What a method keeps from one light to the next is in the PosedAvatar, which the caller holds for as long as it asks
 for that pose and camera: no method needs a cache of its own.
 
@@ -12,7 +14,7 @@ Laws
     no mutation     a call changes neither its arguments nor a later answer of the same call
     no memory       a new PosedAvatar of the same viewpoint answers as one that drew other lights before
     same seed       training twice with one seed gives the same prior on one machine
-    round trip      load(save(prior)) answers as the prior does
+    round trip      load(save(prior)) answers as the prior does, and restore(save(avatar)) as the avatar, if it is kept
     linear          if declared: relight(a L1 + b L2) = a relight(L1) + b relight(L2)
     finite          an answer is finite, or the call raises `NonFinite` or `Unsupported`
 """
@@ -20,13 +22,14 @@ Laws
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, final, get_args
 
 from .errors import InputError, Unsupported, unknown_name
 from .recording import NEEDS, Need, Recording
-from .scene import LIGHT_KINDS, Light, LightKind, Prediction, Query, Viewpoint
+from .scene import LIGHT_KINDS, Camera, Light, LightKind, Pose, Prediction, Query, Viewpoint
 
 
 class Progress(Protocol):
@@ -105,6 +108,13 @@ class PosedAvatar(ABC):
         for one light may be kept for the next. Raises `Unsupported` for a light outside the method's abilities.
         """
 
+    def seen_by(self, camera: Camera) -> PosedAvatar:
+        """The same pose before another camera: what does not depend on the camera is shared, not worked out again.
+
+        Raises `Unsupported` for a method that has to pose anew, which `Avatar.pose` always can.
+        """
+        raise Unsupported(f"a {type(self).__name__} is posed anew for another camera")
+
 
 class Avatar(ABC):
     """One subject, ready to be posed."""
@@ -119,6 +129,18 @@ class Avatar(ABC):
     def relight(self, query: Query) -> Prediction:
         """Draw one query: `pose`, then `PosedAvatar.relight`. Only a `RecordedAvatar` answers otherwise."""
         return self.pose(query.viewpoint).relight(query.light)
+
+    def save(self, folder: Path) -> None:
+        """Write everything `Prior.restore` needs into an existing empty folder, nothing of it a pickle.
+
+        Raises `Unsupported` for a method whose avatars cannot be kept.
+        """
+        raise Unsupported(f"a {type(self).__name__} cannot be kept; show it from its run, or personalise it anew")
+
+    @property
+    def found(self) -> Mapping[str, Pose]:
+        """The poses in which personalisation found the hand, by `Frame.pose_key`; none for methods that fit no hand."""
+        return {}
 
 
 class RecordedAvatar(Avatar):
@@ -147,6 +169,10 @@ class Prior(ABC):
     @abstractmethod
     def save(self, folder: Path) -> None:
         """Write everything `Method.load` needs into an existing empty folder."""
+
+    def restore(self, folder: Path) -> Avatar:
+        """The avatar that `Avatar.save` wrote. Raises `InputError` for a damaged folder, or one of another method."""
+        raise Unsupported(f"avatars of a {type(self).__name__} cannot be kept")
 
 
 class Method(ABC):

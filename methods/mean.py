@@ -26,6 +26,14 @@ class MeanAvatar(Avatar):
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
         return PosedMean(prediction(rasterise(needed(viewpoint.mesh, "mesh"), viewpoint.camera), self._texture))
 
+    def save(self, folder: Path) -> None:
+        save_state(folder, "mean", {}, {"texture": self._texture})
+
+    @classmethod
+    def load(cls, folder: Path) -> MeanAvatar:
+        """The avatar that `save` wrote."""
+        return cls(load_state(folder, "mean", {}, {"texture": (3, TEXTURE, TEXTURE)})["texture"])
+
 
 class PosedMean(PosedAvatar):
     """One picture for every light."""
@@ -48,6 +56,9 @@ class MeanPrior(Prior):
 
     def save(self, folder: Path) -> None:
         save_state(folder, "mean", {}, {"exposure": torch.tensor(self.exposure, dtype=torch.float64)})
+
+    def restore(self, folder: Path) -> Avatar:
+        return MeanAvatar.load(folder)
 
 
 class Mean(Method):

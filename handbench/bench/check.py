@@ -6,7 +6,7 @@ import pickle
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -210,10 +210,18 @@ class _Trial:
         return _equal("same seed", "trained again", self.answers, self._answers(self._avatars(self._train())))
 
     def round_trip(self) -> Finding:
-        with tempfile.TemporaryDirectory() as folder:
-            self.prior.save(Path(folder))
-            loaded = self.method.load(Path(folder))
-            return _equal("round trip", "saved and loaded", self.answers, self._answers(self._avatars(loaded)))
+        with tempfile.TemporaryDirectory() as kept, tempfile.TemporaryDirectory() as avatars:
+            self.prior.save(Path(kept))
+            loaded = self.method.load(Path(kept))
+            found = _equal("round trip", "saved and loaded", self.answers, self._answers(self._avatars(loaded)))
+            if not found.holds:
+                return found
+            try:
+                restored = {name: _restored(loaded, avatar, Path(avatars)) for name, avatar in self.avatars.items()}
+            except Unsupported:  # a method need not keep avatars
+                return found
+            again = _equal("round trip", "avatars kept and restored", self.answers, self._answers(restored))
+            return again if not again.holds else replace(found, detail=f"{found.detail}; {again.detail}")
 
     def linear(self) -> Finding:
         """render(a L1 + b L2) against a render(L1) + b render(L2), for neighbouring queries of one subject."""
@@ -232,6 +240,12 @@ class _Trial:
         if not declared:
             return Finding("linear", None, f"not declared; largest deviation {worst:.1e}")
         return Finding("linear", worst <= LINEAR, f"largest deviation {worst:.1e}, allowed {LINEAR:.0e}")
+
+
+def _restored(prior: Prior, avatar: Avatar, folder: Path) -> Avatar:
+    own = Path(tempfile.mkdtemp(dir=folder))
+    avatar.save(own)
+    return prior.restore(own)
 
 
 def _pictures(answers: dict[str, _Answer]) -> dict[str, Prediction]:

@@ -58,17 +58,17 @@ def refusal(selected: Selected, info: MethodInfo, subject: str) -> str | None:
     """
     label, offers = selected.protocol.label, selected.offers & PARTS
     trained = info.trains_on - (selected.teaches & PARTS) - kinds_of(selected.train)
-    if missing := _worded(trained & PARTS):
+    if missing := worded(trained & PARTS):
         return f"{info.title} trains on {missing}, which the capture does not offer"
-    if missing := _worded(trained):
+    if missing := worded(trained):
         return f"{info.title} trains on {missing}, and [train] of {label} selects none"
     seen = enrolment(selected, info, subject, _unread)
     lacking = info.needs - (offers & seen.gives) - kinds_of(seen.frames)
-    if missing := _worded((lacking & PARTS) - offers):
+    if missing := worded((lacking & PARTS) - offers):
         return f"{info.title} needs {missing}, which the capture does not offer"
-    if missing := _worded(lacking & PARTS):
+    if missing := worded(lacking & PARTS):
         return f"{info.title} needs {missing}, which [enrol] of {label} does not give"
-    if missing := _worded(lacking):
+    if missing := worded(lacking):
         return f"{info.title} needs {missing} of {subject}, and enrolment in {label} has none"
     return None
 
@@ -143,5 +143,6 @@ _WORDS: dict[Need, str] = {
 assert _WORDS.keys() == NEEDS
 
 
-def _worded(needs: Iterable[Need]) -> str:
+def worded(needs: Iterable[Need]) -> str:
+    """Needs in words: "masks and pictures"."""
     return " and ".join(_WORDS[need] for need in sorted(needs))

@@ -15,7 +15,19 @@ if TYPE_CHECKING:
 
     from .process import Stops
 
-_MODULES = ("run", "report", "gate", "catalogue", "data", "studies", "score", "audit", "metrics")
+_MODULES = (
+    "run",
+    "report",
+    "gate",
+    "catalogue",
+    "data",
+    "studies",
+    "score",
+    "audit",
+    "metrics",
+    "personalise",
+    "relight",
+)
 
 
 def command() -> NoReturn:

@@ -44,5 +44,11 @@ def cores(text: str) -> int:
     return int(text)
 
 
+def port(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 6 and int(text) < 65536):
+        raise argparse.ArgumentTypeError(f"{text!r} is no port; give 1 to 65535, or 0 for any that is free")
+    return int(text)
+
+
 def numbers(text: str) -> tuple[int, ...]:
     return tuple(seed(number.strip()) for number in text.split(","))

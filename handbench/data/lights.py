@@ -20,8 +20,8 @@ from ..light.environment import resize, rotate
 from ..light.skybox import SKYBOXES, skybox
 from ..scene import Environment
 from .environments import read_environment
+from .options import split_options
 
-_OPTIONS = ("rotate", "exposure", "clip")
 _HIGHEST = 256
 """Rows of a map that is kept: methods reduce it to far fewer, and a turning light is turned in every frame."""
 _STOPS = 30.0
@@ -41,18 +41,12 @@ class NamedLight:
     @classmethod
     def parse(cls, text: str) -> NamedLight:
         """`SOURCE[:OPTION,…]`. Raises `InputError` for an option that there is not, or a value that is no number."""
-        source, colon, options = text.rpartition(":")
-        if not colon or Path(text).exists() or not _is_options(options):
-            source, options = text, ""
+        source, values = split_options(text, "light", ("rotate", "exposure"), ("clip",))
         if not source:
             raise InputError(f"light {shortened(text)} names no map; give a file, or one of {', '.join(SKYBOXES)}")
-        values: dict[str, float] = {}
-        for option in filter(None, options.split(",")):
-            name, _, value = option.partition("=")
-            if name not in _OPTIONS:
-                raise unknown_name("option of a light", name, _OPTIONS)
-            values[name] = 1.0 if option == "clip" else _number(text, name, value)
-        return cls(source, values.get("rotate", 0.0), values.get("exposure", 0.0), "clip" in values)
+        if abs(exposure := values.get("exposure", 0.0)) > _STOPS:
+            raise InputError(f"light {shortened(text)}: exposure is {exposure:g} stops; give -{_STOPS:g} to {_STOPS:g}")
+        return cls(source, values.get("rotate", 0.0), exposure, "clip" in values)
 
     @property
     def label(self) -> str:
@@ -104,19 +98,3 @@ def _remarks(source: str, environment: Environment) -> Iterator[str]:
         )
     if not radiance.any():
         yield f"{source}: the map is black everywhere"
-
-
-def _is_options(text: str) -> bool:
-    """Whether the text after a colon is options, rather than the rest of a path."""
-    return "/" not in text and "\\" not in text and all(o == "clip" or "=" in o for o in text.split(","))
-
-
-def _number(text: str, name: str, value: str) -> float:
-    try:
-        number = float(value)
-    except ValueError:
-        number = np.nan
-    if not np.isfinite(number) or name == "clip" or (name == "exposure" and abs(number) > _STOPS):
-        expected = {"rotate": "degrees", "exposure": f"stops from -{_STOPS:g} to {_STOPS:g}", "clip": "no value"}[name]
-        raise InputError(f"light {shortened(text)}: {name} is {shortened(value)}; expected {expected}")
-    return number

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
+from pathlib import Path
+from types import MappingProxyType
 
+import numpy as np
 import torch
 
+from handbench.hand import hand_model
 from handbench.method import Avatar, MethodInfo, PosedAvatar, Progress, Recording
-from handbench.scene import LIGHT_KINDS, Light, Mesh, Prediction, Unknown, Viewpoint, needed
+from handbench.scene import LIGHT_KINDS, Light, Mesh, Pose, Prediction, Unknown, Viewpoint, needed
 
 from ..kit.albedo import Canvas, flat
 from ..kit.colourspace import to_linear
 from ..kit.enrolled import enrolled
 from ..kit.untaught import Untaught
+from ..kit.weights import load_state, save_state
 from .config import HarpConfig
 from .fitting import fitted
 from .look import Look, shade
 from .shadow import visibility
-from .surface import mapped
+from .surface import Surface, mapped
 
 INFO = MethodInfo(
     name="harp",
@@ -67,22 +73,51 @@ class PosedHarp(PosedAvatar):
         return canvas.drawn(to_linear(self._albedo * shading, look.config.space))
 
 
+_TENSORS = ("offset", "albedo", "normal_map", "light", "ambient")
+
+
 class HarpAvatar(Avatar):
-    def __init__(self, look: Look) -> None:
-        self.look = look
+    """A look; `found` are the poses that its fit began with, none for an avatar that was kept."""
+
+    def __init__(self, look: Look, found: Mapping[str, Pose] = MappingProxyType({})) -> None:
+        self.look, self._found = look, found
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
         return PosedHarp(self.look, viewpoint)
+
+    @property
+    def found(self) -> Mapping[str, Pose]:
+        return self._found
+
+    def save(self, folder: Path) -> None:
+        """Shape, displacements, textures and light; pictures of the person are not kept."""
+        look, surface = self.look, self.look.surface
+        told = {"shape": np.array(look.shape, dtype=np.float64), "size": np.array(surface.size, dtype=np.float64)}
+        state = {name: torch.from_numpy(value) for name, value in told.items()}
+        state |= {name: getattr(look, name).detach().contiguous() for name in _TENSORS}
+        save_state(folder, INFO.name, {**asdict(look.config), "hand": surface.hand.name}, state)
+
+    @classmethod
+    def load(cls, folder: Path, config: HarpConfig) -> HarpAvatar:
+        """The avatar that `save` wrote. Raises `InputError` as `load_state` does."""
+        model = hand_model()
+        maps = (3, config.texture, config.texture)
+        shapes: dict[str, tuple[int | None, ...]] = {"shape": (model.shape_size,), "size": (), "ambient": ()}
+        shapes |= {"offset": (Surface(model, config.level).count,), "albedo": maps, "normal_map": maps, "light": (3,)}
+        state = load_state(folder, INFO.name, {**asdict(config), "hand": model.name}, shapes)
+        surface = Surface(model, config.level, float(state["size"]))
+        return cls(Look(config, surface, state["shape"].numpy(), *(state[name] for name in _TENSORS)))
 
 
 class Harp(Untaught):
     """There is no prior: all is learned of the enrolled person alone."""
 
     def __init__(self, config: HarpConfig) -> None:
-        super().__init__(INFO, asdict(config), partial(_personalised, config))
+        super().__init__(INFO, asdict(config), partial(_personalised, config), partial(HarpAvatar.load, config=config))
 
 
 def _personalised(config: HarpConfig, enrolment: Recording, seed: int, progress: Progress) -> Avatar:
     """Fits the hand model (`hand.fitting`), then HARP's own stages. Raises `Unsupported` with the reason if no hand is
     found: too few key points, an empty mask, a left hand, two hands, another lens …"""
-    return HarpAvatar(fitted(enrolled(enrolment, config.frames), config, seed, progress))
+    hand = enrolled(enrolment, config.frames)
+    return HarpAvatar(fitted(hand, config, seed, progress), hand.found)

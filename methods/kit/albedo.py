@@ -21,14 +21,16 @@ from .shading import Shading
 class Canvas:
     """What a camera sees of a posed surface with R x R textures: what is drawn at its `texels` (n,), and only there.
 
-    position and normal (3, n) of the surface at those texels, float32.
+    position and normal (3, n) of the surface at those texels, float32. A canvas of a surface that another one has
+    shares what that knows of shadows.
     """
 
-    def __init__(self, mesh: Mesh, camera: Camera, size: int) -> None:
-        self.surface = PosedSurface(mesh, size)
+    def __init__(self, mesh: Mesh | PosedSurface, camera: Camera, size: int) -> None:
+        shared = isinstance(mesh, PosedSurface)  # with another camera
+        self.surface = mesh if isinstance(mesh, PosedSurface) else PosedSurface(mesh, size)
         self.atlas = self.surface.atlas
         self._raster = rasterise(self.surface.mesh, camera)
-        self._shading = Shading(self.surface, camera.centre, self._raster)
+        self._shading = Shading(self.surface, camera.centre, self._raster, shared)
         self.texels = self._shading.texels
         self.position, self.normal = self._shading.position, self._shading.normal
 

@@ -16,8 +16,9 @@ from .fittedhand import fitted_hand
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A picture in which the hand was found, in a pose."""
+    """A picture in which the hand was found, in a pose; `pose_key` is its frame's."""
 
+    pose_key: str
     camera: Camera
     observation: Observation
     pose: Pose
@@ -31,6 +32,11 @@ class Enrolled:
     shape: Array
     size: float
     pictures: tuple[Seen, ...]
+
+    @property
+    def found(self) -> dict[str, Pose]:
+        """The poses by the keys of their frames' poses."""
+        return {seen.pose_key: seen.pose for seen in self.pictures}
 
     def mesh(self, pose: Pose, level: int) -> Mesh:
         """The hand in a pose; its size is about the wrist."""
@@ -55,7 +61,9 @@ def enrolled(enrolment: Recording, most: int, settings: Settings = QUICK, progre
         if frame.pose is not None and observation.depth is None
     ]
     size = float(np.median(ratios)) if ratios else 1.0
-    pictures = tuple(Seen(f.camera, observation, _moved(pose, f.camera, size)) for f, observation, pose in seen)
+    pictures = tuple(
+        Seen(f.pose_key, f.camera, observation, _moved(pose, f.camera, size)) for f, observation, pose in seen
+    )
     return Enrolled(found.hand, found.shape, size, pictures)
 
 

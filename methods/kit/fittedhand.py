@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+import torch
 
 from handbench.errors import Unsupported
 from handbench.hand import HandModel, hand_model
@@ -15,7 +17,9 @@ from handbench.recording import Need
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.unwrap import Projected, TexelSurface
-from handbench.scene import Array, Frame, Light, Mesh, Pose, Prediction, Viewpoint, needed
+from handbench.scene import Array, Camera, Frame, Light, Mesh, Pose, Prediction, Viewpoint, needed
+
+from .weights import load_state, save_state
 
 FITTABLE: frozenset[Need] = frozenset({"image", "alpha", "camera", "keypoints"})
 """What enrolment must give for `fitted_hand`; depth and poses are used where they are given."""
@@ -23,7 +27,8 @@ FITTABLE: frozenset[Need] = frozenset({"image", "alpha", "camera", "keypoints"})
 LEAST_SURE = 0.5  # of a detector: key points that it is less sure of are often elsewhere
 GRAZING = 0.15  # cosine below which what a picture shows of the surface is mostly its neighbourhood
 _ENOUGH = 0.5  # of the pictures that must show the hand
-_LEVEL = 1  # of the meshes' subdivision
+LEVEL = 1  # of the meshes' subdivision
+_NAME, _INNER = "fitted hand", "inner"  # of a kept avatar
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +106,7 @@ def fitted_hand(enrolment: Recording, settings: Settings = QUICK, progress: Prog
     if len(sightings) < _ENOUGH * len(frames):
         fatal = [problem for problem in found.problems if problem.fatal]
         raise Unsupported(f"{fatal[0]} (a hand was found in {len(sightings)} of {len(frames)} pictures)")
-    return FittedHand(model, found.shape, _LEVEL, sightings)
+    return FittedHand(model, found.shape, LEVEL, sightings)
 
 
 def _trusted(picture: Picture) -> Picture:
@@ -120,6 +125,25 @@ class FittedAvatar(Avatar):
         mesh = self._hand.posed(viewpoint)
         return PosedFitted(self._inner.pose(replace(viewpoint, mesh=mesh)), mesh)
 
+    @property
+    def found(self) -> dict[str, Pose]:
+        return {sighting.frame.pose_key: sighting.pose for sighting in self._hand.sightings}
+
+    def save(self, folder: Path) -> None:
+        """The hand, without the frames it was found in, and the avatar in a folder of its own."""
+        hand = self._hand
+        told = {"hand": hand.hand.name, "level": hand.level}
+        save_state(folder, _NAME, told, {"shape": torch.from_numpy(np.array(hand.shape, dtype=np.float64))})
+        (folder / _INNER).mkdir()
+        self._inner.save(folder / _INNER)
+
+    @classmethod
+    def load(cls, folder: Path, inner: Callable[[Path], Avatar]) -> FittedAvatar:
+        """The avatar that `save` wrote; `inner` reads the one in it. Raises `InputError` as `load_state` does."""
+        model = hand_model()
+        state = load_state(folder, _NAME, {"hand": model.name, "level": LEVEL}, {"shape": (model.shape_size,)})
+        return cls(FittedHand(model, state["shape"].numpy(), LEVEL, ()), inner(folder / _INNER))
+
 
 class PosedFitted(PosedAvatar):
     """A posed avatar whose pictures come with the fitted mesh."""
@@ -129,3 +153,6 @@ class PosedFitted(PosedAvatar):
 
     def relight(self, light: Light) -> Prediction:
         return replace(self._inner.relight(light), mesh=self._mesh)
+
+    def seen_by(self, camera: Camera) -> PosedAvatar:
+        return PosedFitted(self._inner.seen_by(camera), self._mesh)

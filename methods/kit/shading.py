@@ -18,11 +18,15 @@ class Shading:
     """The shading of a posed surface, seen from a point, with hard shadows, light after light.
 
     position and normal (3, n) are the surface's at its covered texels, float32. If it is made for one picture, only at
-    those that its raster looks up (`Skips.unseen`).
+    those that its raster looks up (`Skips.unseen`). With `shared` shadows are worked out at all texels, for other
+    cameras too, which the surface then keeps.
     """
 
-    def __init__(self, surface: PosedSurface, centre: Array, raster: Raster | None = None) -> None:
+    def __init__(
+        self, surface: PosedSurface, centre: Array, raster: Raster | None = None, shared: bool = False
+    ) -> None:
         atlas = surface.atlas
+        self._shared = shared
         self._surface, self._centre = surface, centre
         self.position, self.normal = surface.position, surface.normal
         self._some: Array | None = None
@@ -43,7 +47,10 @@ class Shading:
         note("texels outside charts", atlas.size**2, atlas.size**2 - atlas.count)
         if some is not None:
             note("texels out of sight", atlas.count, atlas.count - len(some))
-        visible = self._surface.visibility(lights, texels=some)
+        if some is None or not self._shared:
+            visible = self._surface.visibility(lights, texels=some)
+        else:
+            visible = self._surface.visibility(lights)[:, some]
         facing = self.normal if normal is None else normal
         rough = torch.full((facing.shape[1],), roughness)
         return light_features(facing, self.position, rough, self._centre, lights, visible, model)

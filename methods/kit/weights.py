@@ -31,11 +31,13 @@ def save_state(folder: Path, method: str, config: Mapping[str, Any], state: Mapp
         raise StorageError(f"{folder / _FILE} cannot be written ({error}); free some space") from error
 
 
-def load_state(folder: Path, method: str, config: Mapping[str, Any]) -> dict[str, Tensor]:
-    """The tensors that `save_state` wrote.
+def load_state(
+    folder: Path, method: str, config: Mapping[str, Any], shapes: Mapping[str, tuple[int | None, ...]] | None = None
+) -> dict[str, Tensor]:
+    """The tensors that `save_state` wrote; `shapes` says which there must be, and their sizes (None: any).
 
-    Raises `InputError` if the file is missing, damaged, or of another method, version or configuration, and if a value
-    is not finite.
+    Raises `InputError` if the file is missing, damaged, or of another method, version or configuration, lacks one of
+    `shapes`, and if a value is not finite.
     """
     path = folder / _FILE
     try:
@@ -52,4 +54,12 @@ def load_state(folder: Path, method: str, config: Mapping[str, Any]) -> dict[str
         raise InputError(f"weights {path} were trained with {trained}, asked for {wanted}; train again")
     if odd := [name for name, tensor in state.items() if not tensor.isfinite().all()]:
         raise InputError(f"weights {path} hold NaN or infinity in {odd[0]}; train again")
+    for name, shape in (shapes or {}).items():
+        found = None if name not in state else tuple(state[name].shape)
+        if (
+            found is None
+            or len(found) != len(shape)
+            or any(w not in (None, f) for f, w in zip(found, shape, strict=True))
+        ):
+            raise InputError(f"weights {path} hold {name} of shape {found}, expected {shape}; make them again")
     return state

@@ -31,4 +31,6 @@ def _personalised(enrolment: Recording, seed: int, progress: Progress) -> Avatar
 
 def create(preset: str = "quick") -> Method:
     """`mean-phone`; every preset is the same."""
-    return Untaught(INFO, {"texture": TEXTURE}, _personalised)
+    return Untaught(
+        INFO, {"texture": TEXTURE}, _personalised, lambda folder: FittedAvatar.load(folder, MeanAvatar.load)
+    )

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from handbench.errors import unknown_name
+from handbench.hand import hand_model
 from handbench.hand.fitting import QUICK, THOROUGH, Settings
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.render.see.raster import rasterise
@@ -22,7 +23,7 @@ from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import KNOWN_LIGHTS, LIGHT_KINDS, Light, Prediction, Unknown, Viewpoint, needed
 
-from ..kit.fittedhand import FITTABLE, FittedAvatar, fitted_hand
+from ..kit.fittedhand import FITTABLE, LEVEL, FittedAvatar, fitted_hand
 from ..kit.picture import prediction
 from ..kit.weights import load_state, save_state
 from ..reflectance import physical
@@ -34,6 +35,7 @@ from .unwrap import Unwrapped, unwrapped
 from .usual import Assumed, Usual
 
 Removal: TypeAlias = Literal["shadow", "joint"]
+_OWN = "own light"  # of a kept avatar
 _REFERENCE = 1024  # texels a side for which the weight of a shadow's variation is told
 
 
@@ -104,6 +106,14 @@ class PhonePrior(Prior):
         told = {"light": torch.tensor(self.usual.light, dtype=torch.float64), "skin": self.usual.skin}
         save_state(folder, self._kind.info.name, asdict(self._config), told)
 
+    def restore(self, folder: Path) -> Avatar:
+        return FittedAvatar.load(folder, self._restored)
+
+    def _restored(self, folder: Path) -> Avatar:
+        if self._config.removal == "shadow":
+            return self.inner.restore(folder)
+        return UnderOwnLight.load(folder, self.inner.restore, Atlas.of(hand_model().topology(LEVEL), self._size))
+
 
 class UnderOwnLight(Avatar):
     """An avatar that, asked for the light as enrolled, answers with the light that it found in the pictures."""
@@ -117,6 +127,21 @@ class UnderOwnLight(Avatar):
         texture = self._atlas.dilate(self._atlas.scatter(self._colour * shading))
         own = prediction(rasterise(surface.mesh, viewpoint.camera), texture)
         return PosedUnderOwnLight(self._inner.pose(viewpoint), own)
+
+    def save(self, folder: Path) -> None:
+        solved = {"colour": self._solved.colour, "light": self._solved.light}
+        state = {name: torch.from_numpy(values.copy()) for name, values in solved.items()}
+        save_state(folder, _OWN, {"texture": self._atlas.size}, {**state, "shown": self._colour.contiguous()})
+        (folder / "relit").mkdir()
+        self._inner.save(folder / "relit")
+
+    @classmethod
+    def load(cls, folder: Path, inner: Callable[[Path], Avatar], atlas: Atlas) -> UnderOwnLight:
+        """The avatar that `save` wrote, on an atlas; `inner` reads the one that relights."""
+        texels = (3, atlas.count)
+        state = load_state(folder, _OWN, {"texture": atlas.size}, {"colour": texels, "shown": texels, "light": (9, 3)})
+        solved = Decomposed(state["colour"].numpy(), state["light"].numpy())
+        return cls(inner(folder / "relit"), state["shown"], solved, atlas)
 
 
 class PosedUnderOwnLight(PosedAvatar):

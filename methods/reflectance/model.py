@@ -7,7 +7,7 @@ that gave T, which turns the fully lit texture into an albedo up to scale.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from handbench.recording import Need
 from handbench.render.see.raster import rasterise
 from handbench.render.shade.shading import Model
 from handbench.render.uv.posed import PosedSurface
-from handbench.scene import KNOWN_LIGHTS, Array, Frame, Light, Prediction, Viewpoint, needed
+from handbench.scene import KNOWN_LIGHTS, Array, Camera, Frame, Light, Prediction, Viewpoint, needed
 from handbench.skips import skips
 
 from ..kit.picture import prediction
@@ -86,18 +86,27 @@ class ReflectanceAvatar(Avatar):
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
         return PosedReflectance(self._texture, self._prior, viewpoint)
 
+    def save(self, folder: Path) -> None:
+        prior = self._prior
+        save_state(folder, prior.name, asdict(prior.config), {"texture": self._texture})
+
 
 class PosedReflectance(PosedAvatar):
-    """The surface, what the camera sees of it, and its shadows so far."""
+    """The surface, what the camera sees of it, and its shadows so far; `surface` is one that another camera saw."""
 
-    def __init__(self, texture: Tensor, prior: ReflectancePrior, viewpoint: Viewpoint) -> None:
-        self._texture, self._prior = texture, prior
-        surface = PosedSurface(needed(viewpoint.mesh, "mesh"), prior.config.texture)
-        self._atlas = surface.atlas
-        self._raster = rasterise(surface.mesh, viewpoint.camera)
+    def __init__(
+        self, texture: Tensor, prior: ReflectancePrior, viewpoint: Viewpoint, surface: PosedSurface | None = None
+    ) -> None:
+        self._texture, self._prior, self._viewpoint = texture, prior, viewpoint
+        self._surface = surface or PosedSurface(needed(viewpoint.mesh, "mesh"), prior.config.texture)
+        self._atlas = self._surface.atlas
+        self._raster = rasterise(self._surface.mesh, viewpoint.camera)
         # a fit that gave the specular lobe no share leaves nothing to work out
         self._model: Model = prior.model if prior.specular or not skips().missing_lobes else "diffuse"
-        self._shading = Shading(surface, viewpoint.camera.centre, self._raster)
+        self._shading = Shading(self._surface, viewpoint.camera.centre, self._raster, shared=surface is not None)
+
+    def seen_by(self, camera: Camera) -> PosedAvatar:
+        return PosedReflectance(self._texture, self._prior, replace(self._viewpoint, camera=camera), self._surface)
 
     def relight(self, light: Light) -> Prediction:
         prior = self._prior
@@ -121,6 +130,11 @@ class ReflectancePrior(Prior):
     def save(self, folder: Path) -> None:
         fitted = torch.tensor([self.diffuse, self.specular, self.roughness], dtype=torch.float64)
         save_state(folder, self.name, asdict(self.config), {"fitted": fitted})
+
+    def restore(self, folder: Path) -> Avatar:
+        size = self.config.texture
+        state = load_state(folder, self.name, asdict(self.config), {"texture": (3, size, size)})
+        return ReflectanceAvatar(state["texture"], self)
 
 
 class Reflectance(Method):

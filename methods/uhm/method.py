@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from functools import partial
+from pathlib import Path
 
+import numpy as np
 import torch
 
+from handbench.hand import hand_model
 from handbench.method import Avatar, MethodInfo, PosedAvatar, Progress, Recording
-from handbench.scene import LIGHT_KINDS, Light, Prediction, Unknown, Viewpoint, needed
+from handbench.render.uv.atlas import Atlas
+from handbench.render.uv.posed import PosedSurface
+from handbench.scene import LIGHT_KINDS, Camera, Light, Mesh, Pose, Prediction, Unknown, Viewpoint, needed
 
 from ..kit.albedo import Canvas
 from ..kit.colourspace import to_linear
-from ..kit.enrolled import enrolled
+from ..kit.enrolled import Enrolled, enrolled
 from ..kit.untaught import Untaught
+from ..kit.weights import load_state, save_state
 from .adaptation import Adapted, adapted
 from .config import UhmConfig
 
@@ -35,12 +41,14 @@ INFO = MethodInfo(
 class PosedUhm(PosedAvatar):
     """The textured hand in a pose, and what a camera sees of it."""
 
-    def __init__(self, person: Adapted, viewpoint: Viewpoint) -> None:
+    def __init__(self, person: Adapted, mesh: Mesh | PosedSurface, camera: Camera) -> None:
         self._person = person
-        config = person.config
-        self._canvas = Canvas(person.mesh(needed(viewpoint.pose, "pose")), viewpoint.camera, config.texture)
+        self._canvas = Canvas(mesh, camera, person.config.texture)
         self._texels = torch.from_numpy(self._canvas.texels)
         self._texture = person.texture[:, self._texels]
+
+    def seen_by(self, camera: Camera) -> PosedAvatar:
+        return PosedUhm(self._person, self._canvas.surface, camera)
 
     @torch.no_grad()
     def relight(self, light: Light) -> Prediction:
@@ -72,14 +80,37 @@ class UhmAvatar(Avatar):
         self.person = person
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
-        return PosedUhm(self.person, viewpoint)
+        return PosedUhm(self.person, self.person.mesh(needed(viewpoint.pose, "pose")), viewpoint.camera)
+
+    @property
+    def found(self) -> dict[str, Pose]:
+        return self.person.hand.found
+
+    def save(self, folder: Path) -> None:
+        """The hand and its textures; pictures of the person are not kept."""
+        person, hand = self.person, self.person.hand
+        told = {"shape": np.array(hand.shape, dtype=np.float64), "size": np.array(hand.size, dtype=np.float64)}
+        state = {name: torch.from_numpy(value) for name, value in told.items()}
+        state |= {name: getattr(person, name).contiguous() for name in ("texture", "shadows", "normals", "seen")}
+        save_state(folder, INFO.name, {**asdict(person.config), "hand": hand.hand.name}, state)
+
+    @classmethod
+    def load(cls, folder: Path, config: UhmConfig) -> UhmAvatar:
+        """The avatar that `save` wrote. Raises `InputError` as `load_state` does."""
+        model = hand_model()
+        texels = Atlas.of(model.topology(min(config.level, model.levels)), config.texture).count
+        shapes = {"shape": (model.shape_size,), "size": (), "texture": (3, texels), "shadows": (None, texels)}
+        shapes |= {"normals": (None, texels, 3), "seen": (None, texels)}
+        state = load_state(folder, INFO.name, {**asdict(config), "hand": model.name}, shapes)
+        hand = Enrolled(model, state["shape"].numpy(), float(state["size"]), ())
+        return cls(Adapted(config, hand, *(state[name] for name in ("texture", "shadows", "normals", "seen"))))
 
 
 class Uhm(Untaught):
     """There is no prior: the hand model brings the shapes, the rest is of the enrolled person alone."""
 
     def __init__(self, config: UhmConfig) -> None:
-        super().__init__(INFO, asdict(config), partial(_personalised, config))
+        super().__init__(INFO, asdict(config), partial(_personalised, config), partial(UhmAvatar.load, config=config))
 
 
 def _personalised(config: UhmConfig, enrolment: Recording, seed: int, progress: Progress) -> Avatar:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from handbench.light.lightset import light_samples
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.posed import PosedSurface
-from handbench.scene import KNOWN_LIGHTS, Light, Prediction, Viewpoint, needed
+from handbench.scene import KNOWN_LIGHTS, Camera, Light, Prediction, Viewpoint, needed
 
 from ..ablations import ABLATIONS
 from ..kit.picture import prediction
@@ -49,6 +50,9 @@ class URHandAvatar(Avatar):
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
         return PosedURHand(self._model, self._texture, viewpoint)
 
+    def save(self, folder: Path) -> None:
+        save_state(folder, INFO.name, asdict(self._model.config), {"texture": self._texture})
+
 
 class PosedURHand(PosedAvatar):
     """The surface as the physical branch refines it, what the camera sees of it, and its shadows so far."""
@@ -61,6 +65,11 @@ class PosedURHand(PosedAvatar):
         joints = torch.from_numpy(needed(viewpoint.pose, "pose").joints.copy()).float().to(model.device)
         self._material = model.material(self._texture, joints, self._surface)
         self._centre = viewpoint.camera.centre
+
+    def seen_by(self, camera: Camera) -> PosedAvatar:
+        other = copy(self)
+        other._raster, other._centre = rasterise(self._surface.mesh, camera), camera.centre
+        return other
 
     @torch.no_grad()
     def relight(self, light: Light) -> Prediction:
@@ -88,6 +97,11 @@ class URHandPrior(Prior):
     def save(self, folder: Path) -> None:
         state = {**self.model.state_dict(), "joints": torch.tensor(self.joints)}
         save_state(folder, INFO.name, asdict(self.model.config), state)
+
+    def restore(self, folder: Path) -> Avatar:
+        config = self.model.config
+        state = load_state(folder, INFO.name, asdict(config), {"texture": (3, config.texture, config.texture)})
+        return URHandAvatar(self.model, state["texture"])
 
 
 class URHand(Method):

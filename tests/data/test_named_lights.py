@@ -87,9 +87,9 @@ def test_names_and_options() -> None:
     ("text", "message"),
     [
         ("hall:rotat=90", "did you mean 'rotate'"),
-        ("hall:rotate=north", "rotate is 'north'; expected degrees"),
-        ("hall:exposure=900", "expected stops"),
-        ("hall:clip=1", "expected no value"),
+        ("hall:rotate=north", "rotate is 'north'; give a number"),
+        ("hall:exposure=900", "900 stops; give -30 to 30"),
+        ("hall:clip=1", "clip takes no value"),
         ("hal", "did you mean 'hall'"),
         (":rotate=3", "names no map"),
         ("none.exr", "none.exr does not exist"),

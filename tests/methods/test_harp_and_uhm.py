@@ -200,7 +200,7 @@ def toy() -> tuple[Enrolled, torch.Tensor]:
         visible = torch.from_numpy(visibility(canvas.surface.mesh, LIGHT, points, 128)).float()
         light, raw = torch.from_numpy(LIGHT).float(), torch.tensor(np.log(AMBIENT / (1 - AMBIENT))).float()
         drawn = canvas.drawn(flat(albedo, canvas) * shade(canvas.position.T, canvas.normal.T, visible, light, raw))
-        seen.append(Seen(camera(), Observation(drawn.image, drawn.alpha), pose))
+        seen.append(Seen("me/pose", camera(), Observation(drawn.image, drawn.alpha), pose))
     return Enrolled(hand, shape, 1.0, tuple(seen)), stripes
 
 

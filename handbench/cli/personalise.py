@@ -1,0 +1,100 @@
+"""handbench personalise: an avatar of a person, from their pictures or from a run, that can be kept and shown."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from ..terminal import complain, say
+from .shared import preset, seed
+
+if TYPE_CHECKING:
+    from ..avatars.portrait import Portrait
+    from ..bench.progress import Steps
+
+_EXAMPLES = """\
+for example:
+  handbench personalise uhm --from my-hand --out me.avatar
+  handbench personalise urhand-phone --from my-scan --prior runs/phone --out me.avatar
+  handbench personalise urhand --run runs/quick --subject s05 --out s05.avatar
+
+then: handbench relight me.avatar --light studio.exr --turn-light --out me.mp4
+"""
+
+
+def add(verbs: Any) -> None:
+    personalise = verbs.add_parser(
+        "personalise",
+        help="make an avatar of a person from a folder of pictures, or of a subject of a run",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    personalise.add_argument("method", help="a name that 'handbench list methods' shows")
+    source = personalise.add_mutually_exclusive_group(required=True)
+    source.add_argument("--from", dest="folder", type=Path, metavar="FOLDER", help="pictures with a handbench.toml")
+    source.add_argument("--run", type=Path, metavar="RUN", help="a run folder: its training and its enrolment")
+    personalise.add_argument("--out", type=Path, required=True, metavar="AVATAR", help="the folder that the avatar is")
+    personalise.add_argument("--subject", metavar="NAME", help="who (default: the only one, or the first of a run)")
+    personalise.add_argument("--segment", metavar="NAME", help="which pictures of the folder (default: all)")
+    personalise.add_argument("--prior", type=Path, metavar="RUN", help="with --from: the run that trained the method")
+    personalise.add_argument("--preset", type=preset, metavar="NAME", help="with --from (default: quick)")
+    personalise.add_argument("--seed", type=seed, metavar="N", help="(default: 0, or the first of a run)")
+    personalise.add_argument("--protocol", metavar="FILE", help="with --run, where it is no registered one")
+    personalise.add_argument("--data", type=Path, metavar="DIR", help="with --run: where captures are kept")
+    personalise.add_argument("--licence", metavar="TEXT", help="what must be known before the avatar is given away")
+    personalise.add_argument("--device", default="cpu", help="where networks run: cpu (default), cuda, cuda:1, …")
+    personalise.set_defaults(verb=_personalise)
+
+
+def _personalise(arguments: argparse.Namespace) -> int:
+    from ..avatars.folder import write_avatar
+    from ..bench.progress import steps
+    from ..device import on_device
+    from ..files import check_folder
+
+    _check_company(arguments)
+    check_folder(arguments.out, "name another folder with --out")
+    with on_device(arguments.device), steps() as told:
+        portrait = _from_folder(arguments, told) if arguments.run is None else _from_run(arguments, told)
+        write_avatar(portrait, arguments.out)
+    shown = portrait.repertoire
+    say(f"{portrait.info.title}: {portrait.source}")
+    say(f"{len(shown.postures)} poses, {len(shown.cameras)} cameras; licence: {portrait.licence}")
+    say(arguments.out)
+    return 0
+
+
+def _from_folder(arguments: argparse.Namespace, told: Steps) -> Portrait:
+    from ..avatars.making import from_capture
+    from ..data.folder import open_folder
+    from ..registry import METHODS
+
+    METHODS.entry(arguments.method)
+    capture = open_folder(arguments.folder)
+    for remark in capture.remarks:
+        complain(f"{capture.name}: {remark}")
+    enrolment = capture.enrolment(arguments.subject, arguments.segment)
+    about = (arguments.preset or "quick", arguments.seed or 0, arguments.prior, arguments.licence or "")
+    return from_capture(capture, enrolment, arguments.method, told, *about)
+
+
+def _from_run(arguments: argparse.Namespace, told: Steps) -> Portrait:
+    from dataclasses import replace
+
+    from ..avatars.making import from_run
+
+    about = (arguments.subject, told, arguments.seed, arguments.data, arguments.protocol)
+    found = from_run(arguments.run, arguments.method, *about)
+    return found if arguments.licence is None else replace(found, licence=arguments.licence)
+
+
+def _check_company(arguments: argparse.Namespace) -> None:
+    """Raises `InputError` for an option that means nothing beside the others."""
+    apart = {"--from": ("segment", "prior", "preset"), "--run": ("protocol", "data")}
+    given = "--run" if arguments.run is not None else "--from"
+    for wanted, options in apart.items():
+        for option in options:
+            if wanted != given and getattr(arguments, option) is not None:
+                raise InputError(f"--{option} goes with {wanted}, not with {given}; leave it out")

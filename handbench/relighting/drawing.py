@@ -1,0 +1,167 @@
+"""Draws the frames of a relighting with the clock on. Frames are files, so what was drawn once is not drawn again."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from .. import __version__
+from ..avatars.portrait import Portrait
+from ..avatars.repertoire import same_camera
+from ..bench.isolation import isolated
+from ..bench.progress import Steps
+from ..bench.protocol import digest
+from ..data.exr import read_exr, rgb, stack, write_exr
+from ..errors import InputError, NonFinite, StorageError, Unsupported
+from ..files import read_json, whole, writing
+from ..method import PosedAvatar, Progress
+from ..scene import Array, Camera, Environment, Prediction, Viewpoint
+from .shots import Shots, Wish
+
+_PLAN = "frames.json"
+_HALF = 65504.0
+_WAITING = 4  # frames that may wait for the disk
+
+
+@dataclass
+class Times:
+    """Milliseconds of the frames that were drawn now: of a new pose, pose and relight together, and of a known one."""
+
+    new_pose: list[float] = field(default_factory=list)
+    known_pose: list[float] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        named = (("a new pose", self.new_pose), ("a known pose", self.known_pose))
+        parts = [f"{median(ms):.0f} ms for {what} ({len(ms)} frames)" for what, ms in named if ms]
+        return ", ".join(parts) or "nothing drawn now"
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The drawn frames of several portraits: `folder` has one EXR a frame and portrait, half floats, linear."""
+
+    folder: Path
+    count: int
+    portraits: int
+
+    def path(self, frame: int, portrait: int) -> Path:
+        return self.folder / f"{frame:05d}-{portrait:02d}.exr"
+
+    def read(self, frame: int, portrait: int) -> tuple[Array, Array]:
+        """Image (H, W, 3) and alpha (H, W), float32."""
+        path = self.path(frame, portrait)
+        channels = read_exr(path)
+        return stack(channels, ("R", "G", "B"), path), channels["A"]
+
+    def remove(self) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def draw(portraits: Sequence[Portrait], wish: Wish, folder: Path, told: Steps) -> tuple[Frames, list[Times]]:
+    """Draw what is missing of a relighting into a folder, and what that took, portrait by portrait.
+
+    Frames of another relighting in the folder are removed. Raises `Unsupported` for a light or pose outside a method's
+    abilities, `NonFinite` for a picture that is none, and `StorageError` if the folder cannot be written.
+    """
+    shots = [Shots(portrait, wish) for portrait in portraits]
+    frames = Frames(folder, len(shots[0]), len(portraits))
+    _prepare(folder, digest([__version__, wish.said(), [portrait.digest for portrait in portraits]]))
+    maps = [light.read() for light in wish.lights]
+    times = []
+    with ThreadPoolExecutor(1) as disk:
+        for index, (portrait, shown) in enumerate(zip(portraits, shots, strict=True)):
+            for each in maps:
+                portrait.check(each)
+            with isolated():
+                times.append(_drawn(portrait, shown, index, frames, maps, disk, told(f"{portrait.name}: frames")))
+    return frames, times
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """A posed avatar, and the frame and camera that it was last drawn for."""
+
+    frame: int
+    camera: Camera
+    posed: PosedAvatar
+
+
+def _posed(portrait: Portrait, held: _Held | None, frame: int, viewpoint: Viewpoint) -> _Held:
+    """The avatar before a viewpoint's camera; `held` has the same pose, None: it is posed anew."""
+    if held is not None:
+        if same_camera(held.camera, viewpoint.camera):
+            return _Held(frame, held.camera, held.posed)
+        with suppress(Unsupported):
+            return _Held(frame, viewpoint.camera, held.posed.seen_by(viewpoint.camera))
+    return _Held(frame, viewpoint.camera, portrait.avatar.pose(viewpoint))
+
+
+def _drawn(
+    portrait: Portrait,
+    shots: Shots,
+    index: int,
+    frames: Frames,
+    maps: Sequence[Environment],
+    disk: ThreadPoolExecutor,
+    progress: Progress,
+) -> Times:
+    times = Times()
+    waiting: list[Future[None]] = []
+    held: _Held | None = None
+    for frame in range(len(shots)):
+        if not frames.path(frame, index).is_file():
+            light, viewpoint = shots.light(frame, maps), shots.viewpoint(frame)
+            known = held is not None and shots.same_pose(held.frame, frame)
+            start = time.perf_counter()
+            held = _posed(portrait, held if known else None, frame, viewpoint)
+            answer = held.posed.relight(light)
+            (times.known_pose if known else times.new_pose).append(1e3 * (time.perf_counter() - start))
+            waiting.append(disk.submit(_write, frames.path(frame, index), _sound(portrait, answer)))
+            if len(waiting) > _WAITING:
+                waiting.pop(0).result()
+        progress(frame + 1, len(shots))
+    for each in waiting:
+        each.result()
+    return times
+
+
+def _sound(portrait: Portrait, answer: Prediction) -> Prediction:
+    bad = int((~np.isfinite(answer.image)).sum() + (~np.isfinite(answer.alpha)).sum())
+    if bad:
+        raise NonFinite(f"{portrait.name} drew {bad} values that are NaN or infinite")
+    return answer
+
+
+def _write(path: Path, answer: Prediction) -> None:
+    image, alpha = (np.clip(values, -_HALF, _HALF) for values in (answer.image, answer.alpha))
+    write_exr(path, {**rgb(image), "A": alpha.astype(np.float16)})
+
+
+def _prepare(folder: Path, plan: str) -> None:
+    """Create the folder, or empty it of the frames of another plan. Raises `StorageError` for a folder of others."""
+    kept = folder / _PLAN
+    with writing(folder):
+        if folder.exists() and not kept.is_file():
+            raise StorageError(
+                f"{folder} is there and holds no frames of a relighting; remove it, or choose another --out"
+            )
+        if folder.exists():
+            try:
+                same = read_json(kept) == {"plan": plan}
+            except InputError:
+                same = False
+            if same:
+                return
+            shutil.rmtree(folder)
+        folder.mkdir(parents=True)
+    with whole(kept) as part:
+        part.write_text(json.dumps({"plan": plan}))

@@ -1,0 +1,161 @@
+"""What a relighting shows, frame by frame: a pose, a camera and a light."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from ..avatars.portrait import Portrait
+from ..avatars.repertoire import Posture, orbited, resized
+from ..data.lights import NamedLight
+from ..errors import InputError
+from ..light.environment import rotate
+from ..scene import Camera, Environment, Pose, Viewpoint
+
+MOST_FRAMES = 20_000
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked for.
+
+    lights          one after the other
+    turn_light      the light turns once about +y
+    turntable       the camera goes once around the hand
+    pose            a recorded pose, "all" of them in their order, or "" for the first
+    poses           poses from a file, in its order, instead of recorded ones
+    camera          a recorded camera, or "" for the one that recorded the pose
+    yaw, pitch      degrees that the camera goes around the hand first; zoom enlarges
+    size            pixels (width, height) of a picture; None: the camera's
+    seconds, fps    how long each light is shown; None: as many frames as poses, or 4 seconds
+    """
+
+    lights: tuple[NamedLight, ...]
+    turn_light: bool = False
+    turntable: bool = False
+    pose: str = ""
+    poses: tuple[Pose, ...] = field(default=(), repr=False)
+    camera: str = ""
+    yaw: float = 0.0
+    pitch: float = 0.0
+    zoom: float = 1.0
+    size: tuple[int, int] | None = None
+    seconds: float | None = None
+    fps: float = 24.0
+
+    @property
+    def sequence(self) -> bool:
+        """Whether poses follow each other."""
+        return self.pose == "all" or len(self.poses) > 1
+
+    @property
+    def moves(self) -> bool:
+        return self.turn_light or self.turntable or self.sequence
+
+    @property
+    def still_view(self) -> bool:
+        """Whether hand and camera stand still."""
+        return not (self.turntable or self.sequence)
+
+    def said(self) -> dict[str, Any]:
+        """All of it as JSON values, files by their content."""
+        poses = [[part.tolist() for part in (p.joints, p.rotation, p.translation)] for p in self.poses]
+        return {**asdict(self), "lights": [light.digest for light in self.lights], "poses": poses}
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """The frames of a wish, for one portrait."""
+
+    portrait: Portrait
+    wish: Wish
+
+    @cached_property
+    def postures(self) -> tuple[Posture, ...]:
+        """The poses in order, before they are spread over the frames."""
+        wish, shown = self.wish, self.portrait.repertoire
+        if wish.poses:
+            return tuple(shown.posed(f"pose-{i:04d}", pose) for i, pose in enumerate(wish.poses))
+        if wish.pose == "all":
+            return tuple(shown.postures.values())
+        return (shown.posture(wish.pose or shown.views[0][0]),)
+
+    @cached_property
+    def frames_of_a_light(self) -> int:
+        """How many frames each light has. Raises `InputError` for a video that is too long or has none."""
+        wish = self.wish
+        if not wish.moves:
+            return 1
+        if wish.seconds is None and wish.sequence:
+            return len(self.postures)
+        count = round((4.0 if wish.seconds is None else wish.seconds) * wish.fps)
+        if not 1 <= count * len(wish.lights) <= MOST_FRAMES:
+            raise InputError(
+                f"{wish.seconds:g} seconds at {wish.fps:g} frames a second are {count} frames for each light; "
+                f"give 1 to {MOST_FRAMES} frames in all"
+            )
+        return count
+
+    def __len__(self) -> int:
+        return self.frames_of_a_light * len(self.wish.lights)
+
+    def viewpoint(self, frame: int) -> Viewpoint:
+        place = frame % self.frames_of_a_light
+        posture = self._posture(place)
+        return self.portrait.repertoire.viewpoint(posture, self._camera(place))
+
+    def same_pose(self, one: int, other: int) -> bool:
+        """Whether two frames show the same pose."""
+        return self._share(one) == self._share(other)
+
+    def light(self, frame: int, maps: Sequence[Environment]) -> Environment:
+        """The light of a frame; `maps` are those of the wish."""
+        which, place = divmod(frame, self.frames_of_a_light)
+        if not self.wish.turn_light or place == 0:
+            return maps[which]
+        return rotate(maps[which], 2.0 * np.pi * place / self.frames_of_a_light)
+
+    def _share(self, frame: int) -> float:
+        """How far along the poses a frame is, from 0 to the last."""
+        count, last = self.frames_of_a_light, len(self.postures) - 1
+        return 0.0 if count == 1 else (frame % count) * last / (count - 1)
+
+    def _posture(self, place: int) -> Posture:
+        share = self._share(place)
+        low = int(share)
+        part = share - low
+        if part < 1e-9:
+            return self.postures[low]
+        before, after = self.postures[low], self.postures[low + 1]
+        if before.pose is None or after.pose is None or self.portrait.repertoire.body is None:
+            return before if part < 0.5 else after
+        pose = between(before.pose, after.pose, part)
+        return self.portrait.repertoire.posed(f"{before.name}+{part:.3f}", pose)
+
+    def _camera(self, place: int) -> Camera:
+        wish, shown = self.wish, self.portrait.repertoire
+        first = self.postures[0]
+        camera = shown.camera(wish.camera) if wish.camera else shown.camera_of(first.name)
+        if wish.size is not None:
+            camera = resized(camera, *wish.size)
+        yaw = wish.yaw + (360.0 * place / self.frames_of_a_light if wish.turntable else 0.0)
+        if (yaw, wish.pitch, wish.zoom) == (0.0, 0.0, 1.0):
+            return camera
+        return orbited(camera, shown.middle(first), yaw, wish.pitch, wish.zoom)
+
+
+def between(one: Pose, other: Pose, share: float) -> Pose:
+    """The pose a share of the way from one to another: rotations along the shortest way."""
+    turned = [
+        np.stack([Slerp([0.0, 1.0], Rotation.from_rotvec(pair))(share).as_rotvec() for pair in pairs])
+        for pairs in (
+            np.stack([one.joints, other.joints], axis=1),
+            np.stack([one.rotation, other.rotation], axis=0)[None],
+        )
+    ]
+    return Pose(turned[0], turned[1][0], (1.0 - share) * one.translation + share * other.translation)
