@@ -10,13 +10,15 @@ import numpy as np
 
 from handbench.results.oldrecord import NOT_FINITE
 from handbench.results.statistics import (
+    CONFIDENCE,
     RESAMPLES,
     aggregate,
     bootstrap,
     corrected,
     differences,
+    holm,
     interval,
-    over_seeds,
+    p_values,
     seed_spread,
 )
 from handbench.results.values import Values
@@ -60,46 +62,53 @@ class Footnotes:
 
 @dataclass(frozen=True)
 class _Scored:
-    """The bootstrap draws (metrics, RESAMPLES) of a row, over the frames it has."""
+    """The bootstrap draws (metrics, seeds, RESAMPLES) of a row, over the frames it has."""
 
     values: Values
     draws: Array
 
 
 def column_cells(
-    rows: Sequence[Values], columns: Sequence[Column], competing: Sequence[bool], notes: Footnotes
+    rows: Sequence[Values],
+    columns: Sequence[Column],
+    competing: Sequence[bool],
+    notes: Footnotes,
+    floors: Sequence[int] = (),
 ) -> list[list[Aggregate]]:
-    """The cells of each row in the columns of one group, ranked among the `competing` rows."""
+    """The cells of each row in the columns of one group, ranked among the `competing` rows.
+
+    `floors` are the positions of rows that a method must be better than: what is not, cannot win.
+    """
     metrics, _, frames = rows[0].values.shape
     flat = [row.values.reshape(-1, frames) for row in rows]
     draws = np.split(
         bootstrap(np.concatenate(flat), rows[0].subjects, columns[0].group.draws),
         np.cumsum([len(each) for each in flat])[:-1],
     )
-    scored = [
-        _Scored(row, np.stack([over_seeds(of_metric) for of_metric in drawn.reshape(metrics, -1, RESAMPLES)]))
-        for row, drawn in zip(rows, draws, strict=True)
-    ]
-    cells = [[_cell(each, i, notes) for i in range(metrics)] for each in scored]
+    scored = [_Scored(row, drawn.reshape(metrics, -1, RESAMPLES)) for row, drawn in zip(rows, draws, strict=True)]
+    cells = [[_cell(each, i, columns[i], notes) for i in range(metrics)] for each in scored]
     for i, column in enumerate(columns):
-        eligible = {
-            position: value
-            for position, (row, may_win) in enumerate(zip(cells, competing, strict=True))
-            if may_win and row[i].complete and (value := row[i].value) is not None
-        }
-        for position, rank in _ranks(eligible, [each.draws[i] for each in scored], rows[0].subjects, column).items():
-            cells[position][i] = replace(cells[position][i], rank=rank)
+        floor = [value for position in floors if (value := cells[position][i].value) is not None]
+        for row, may_win in zip(cells, competing, strict=True):
+            sunk = may_win and (value := row[i].value) is not None and any(not _better(value, f, column) for f in floor)
+            row[i] = replace(row[i], sunk=sunk)
+        order = _order([row[i] for row in cells], competing, column)
+        ranks = _ranks(order, [row[i] for row in cells], [each.draws[i] for each in scored], rows[0].subjects, column)
+        claimed = _claimed(order, ranks, [row.values[i] for row in rows], rows[0].subjects, column)
+        for position, rank in ranks.items():
+            cells[position][i] = replace(cells[position][i], rank=rank, claimed=rank in claimed)
     return cells
 
 
-def _cell(scored: _Scored, metric: int, notes: Footnotes) -> Aggregate:
+def _cell(scored: _Scored, metric: int, column: Column, notes: Footnotes) -> Aggregate:
     values, subjects = scored.values.values[metric], scored.values.subjects
     reasons = scored.values.reasons[metric]
     told = tuple(sorted({notes.number(reason) for reason in reasons}))
     nonfinite = sum(count for reason, count in reasons.items() if reason.startswith(("non-finite", NOT_FINITE)))
     present = np.isfinite(values)
     covered = int(present.sum())
-    bounds = interval(scored.draws[metric], subjects[present.any(axis=0)]) if covered else None
+    used = subjects[present.any(axis=0)]
+    bounds = interval(scored.draws[metric], used, column.group.draws) if covered else None
     low, high = bounds or (None, None)
     return Aggregate(
         aggregate(values, subjects),
@@ -113,25 +122,67 @@ def _cell(scored: _Scored, metric: int, notes: Footnotes) -> Aggregate:
     )
 
 
-def _ranks(values: dict[int, float], draws: Sequence[Array], subjects: Array, column: Column) -> dict[int, int]:
+def _better(value: float, other: float, column: Column) -> bool:
+    """Whether a value is better than another by what is printed."""
+    decimals = column.metric.decimals
+    apart = round(value, decimals) - round(other, decimals)
+    return apart > 0 if column.metric.higher_is_better else apart < 0
+
+
+def _order(cells: Sequence[Aggregate], competing: Sequence[bool], column: Column) -> list[int]:
+    """The positions of what may win, best first: of complete coverage and above the floor."""
+    values = {
+        position: cell.value
+        for position, (cell, may_win) in enumerate(zip(cells, competing, strict=True))
+        if may_win and cell.complete and not cell.sunk and cell.value is not None
+    }
+    return sorted(values, key=lambda position: values[position], reverse=column.metric.higher_is_better)
+
+
+def _ranks(
+    order: Sequence[int], cells: Sequence[Aggregate], draws: Sequence[Array], subjects: Array, column: Column
+) -> dict[int, int]:
     """The best (1) and the second (2) of rows by position, and whoever cannot be told from one of them.
 
     Going down from the best, rows share its mark as long as their values print alike or the interval of their paired
     difference includes zero; the second is the best of the others. What follows a row that is told apart shares none.
     """
-    metric = column.metric
-    left = sorted(values, key=lambda position: values[position], reverse=metric.higher_is_better)
+    left = list(order)
     found: dict[int, int] = {}
     for rank in (1, 2):
         for position in left:
-            bounds = interval(draws[left[0]] - draws[position], subjects)
-            alike = round(values[left[0]], metric.decimals) == round(values[position], metric.decimals)
+            bounds = interval(_between(draws[left[0]], draws[position]), subjects, column.group.draws)
+            first, value = cells[left[0]].value, cells[position].value
+            alike = first is not None and value is not None and not _better(first, value, column)
             if not (alike or (bounds is not None and bounds[0] <= 0 <= bounds[1])):
                 break
             found[position] = rank
         left = [position for position in left if position not in found]
         if not left:
             break
+    return found
+
+
+def _between(first: Array, second: Array) -> Array:
+    """The draws of a paired difference, seed by seed; with unequal numbers of seeds that of the means."""
+    if len(first) != len(second):
+        first, second = (draws.mean(axis=0, keepdims=True) for draws in (first, second))
+    return first - second
+
+
+def _claimed(
+    order: Sequence[int], ranks: dict[int, int], values: Sequence[Array], subjects: Array, column: Column
+) -> set[int]:
+    """The ranks that hold for other hands too: whoever comes after is told apart by the corrected paired test."""
+    found = set()
+    for rank in (1, 2):
+        left = [position for position in order if ranks.get(position, 3) >= rank]
+        later = [ranks.get(position, 3) > rank for position in left[1:]]
+        if any(later):
+            pairs = [(values[left[0]], values[position]) for position in left[1:]]
+            adjusted = holm(p_values(pairs, subjects, column.group.draws))
+            if all(p <= 1 - CONFIDENCE + 1e-9 for p, after in zip(adjusted, later, strict=True) if after):
+                found.add(rank)
     return found
 
 

@@ -7,16 +7,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
+from handbench.bench.protocol import AXES
 from handbench.errors import InputError, unknown_name
 from handbench.results.reading import Run, completed, mismatch, read_run
-from handbench.results.record import CellRecord, MethodRecord, MetricRecord, ProtocolRecord, PublishedRecord, Spread
+from handbench.results.record import (
+    CellRecord,
+    ColumnRecord,
+    MethodRecord,
+    MetricRecord,
+    ProtocolRecord,
+    PublishedRecord,
+    Spread,
+)
 from handbench.results.statistics import CONFIDENCE, least_p
 from handbench.results.values import Values, values_of
 from handbench.scene import FrameKind
 
 from .aggregate import Footnotes, column_cells, with_differences
 from .agreement import agreements
-from .model import Aggregate, Column, Group, Kind, Metric, Row, Span, Table, Times
+from .model import Aggregate, Column, Group, Kind, Metric, Row, Span, Table, Times, listed
 
 
 def table(*run_folders: Path, baseline: str | None = None) -> Table:
@@ -37,18 +46,19 @@ def build(*runs: Run, baseline: str | None = None) -> Table:
             raise InputError(f"these runs cannot share a table: {why}")
     protocol = runs[0].plan.protocol
     metrics = tuple(map(shown_metric, protocol.metrics))
-    groups = tuple(Group(column.name, column.title) for column in protocol.columns)
+    groups = tuple(map(_group, protocol.columns))
     columns = tuple(Column(group, metric) for group in groups for metric in metrics)
     sources = tuple(_sources(completed(runs)))
     against = _position(sources, baseline) if baseline else None
     notes = Footnotes()
     kinds: list[Kind] = [source.method.role for source in sources]
     measured = [kind == "method" for kind in kinds]
+    floors = [place for place, source in enumerate(sources) if _is_floor(source.method)]
     cells: list[list[Aggregate]] = [[] for _ in sources]
     for start, group in enumerate(groups):
         values = [source.values[group.name] for source in sources]
         of_group = columns[start * len(metrics) : (start + 1) * len(metrics)]
-        found = column_cells(values, of_group, measured, notes)
+        found = column_cells(values, of_group, measured, notes, floors)
         if against is not None:
             found = with_differences(found, values, against, of_group, measured)
         for row, more in zip(cells, found, strict=True):
@@ -62,7 +72,30 @@ def build(*runs: Run, baseline: str | None = None) -> Table:
     of_frames = dict.fromkeys(remark for run in runs for cell in run.cells for remark in cell.remarks)
     remarks = (*_remarks(protocol), *_old_times(runs), *of_frames)
     limits = tuple(_limits(rows, named))
-    return Table(title, columns, (*rows, *published), notes.texts(), remarks, order, named, limits)
+    seeds = tuple(sorted({seed for run in runs for seed in run.plan.seeds}))
+    return Table(title, columns, (*rows, *published), notes.texts(), remarks, order, named, limits, seeds)
+
+
+def _group(column: ColumnRecord) -> Group:
+    subjects = {query.partition("/")[0] for query in column.queries}
+    return Group(column.name, column.title, len(column.queries), len(subjects), "".join(_about(column)))
+
+
+def _about(column: ColumnRecord) -> Iterator[str]:
+    """What a column asks; nothing for a record of before this was told."""
+    if not column.subjects:
+        return
+    known = {"trained": "Hands that training saw", "unseen": "Hands that training never saw"}
+    hands = known.get(column.subjects, "Chosen hands") if isinstance(column.subjects, str) else "Chosen hands"
+    new = [f"new {axis}s" for axis in AXES if axis not in (*column.shares, "subject")]
+    shared = [f"{axis}s" for axis in AXES if axis in column.shares]
+    yield hands + (f", {listed(new)}" if new else "")
+    yield f". In training too: {listed(shared)}." if shared else ". Nothing of it is in training."
+
+
+def _is_floor(method: MethodRecord) -> bool:
+    """Whether every method must be better: a calibration row that is not the truth."""
+    return method.calibration and not method.truth
 
 
 @dataclass(frozen=True)
@@ -189,6 +222,8 @@ def _row(source: _Source, kind: Kind, cells: tuple[Aggregate, ...]) -> Row:
         times,
         nonlinearity=max(bends, default=None),
         enrolment=source.method.enrolment,
+        here=source.method.timed,
+        floor=_is_floor(source.method),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,6 +19,7 @@ LIGHT_TITLES = {  # of frame kinds, from the light that costs most to the one th
     "olat": "a single light",
 }
 Kind = Literal["method", "calibration", "published"]
+SUNK = "▽"  # the mark of a value that is not better than the floor
 UNEQUAL_NOTE = f"{UNEQUAL}: compared with rows to which enrolment gave something else"
 
 
@@ -41,10 +42,21 @@ class Metric:
 
 @dataclass(frozen=True)
 class Group:
-    """A protocol column: a set of scored frames that answers one question. All metrics are shown under it."""
+    """A protocol column: a set of scored frames that answers one question. All metrics are shown under it.
+
+    about   what it asks, and what its frames have in common with training, in a sentence
+    """
 
     name: str
     title: str
+    frames: int = 0
+    subjects: int = 0
+    about: str = ""
+
+    @property
+    def counted(self) -> str:
+        """ "2 subjects, 28 frames"."""
+        return f"{counted(self.subjects, 'subject')}, {counted(self.frames, 'frame')}"
 
     @property
     def draws(self) -> int:
@@ -66,6 +78,8 @@ class Aggregate:
     spread      standard deviation of the values of single seeds; None with fewer than two seeds
     low, high   95 % interval; None with fewer than two frames
     rank        1 best, 2 second, 0 neither; shared by what cannot be told apart; never set with incomplete coverage
+    claimed     its rank holds for other hands: the corrected paired test tells all that come after from it
+    sunk        it is not better than the floor (the mean predictor), so it cannot win
     notes       numbers (from 1) of the table's footnotes that say why values are missing
     nonfinite   how many of the missing values were NaN or infinite
     unequal     its rank is won against rows to which enrolment gave something else
@@ -85,6 +99,8 @@ class Aggregate:
     difference: Difference | None = None
     unequal: bool = False
     across: bool = False
+    claimed: bool = False
+    sunk: bool = False
 
     @property
     def complete(self) -> bool:
@@ -119,6 +135,8 @@ class Row:
     """A method's line. Only kind "method" can be best: calibration and published rows are there for comparison.
 
     enrolment       what enrolment gave it (`handbench.bench.given.Enrolled`), "" where a run does not tell
+    here            whether its answers were computed in the run, not read from a folder
+    floor           a calibration row that every method must be better than
     marker          how a paper marks the row, "" if not
     nonlinearity    greatest deviation from linearity in light (`handbench.results.laws`) in any cell; None if unknown
     """
@@ -132,6 +150,8 @@ class Row:
     marker: str = ""
     nonlinearity: float | None = None
     enrolment: str = ""
+    here: bool = True
+    floor: bool = False
 
     @property
     def suffix(self) -> str:
@@ -194,6 +214,7 @@ class Table:
     agreements    one for each column whose order is published
     baseline      title of the row that `Aggregate.difference` is against; "" if none was asked for
     limits        how those differences are made and what they cannot tell
+    seeds         the seeds that values are averaged over
     """
 
     title: str
@@ -204,6 +225,22 @@ class Table:
     agreements: tuple[Agreement, ...] = ()
     baseline: str = ""
     limits: tuple[str, ...] = ()
+    seeds: tuple[int, ...] = (0,)
+
+    @property
+    def trainings(self) -> str:
+        """What intervals tell of: "these weights (one seed)", "3 seeds"."""
+        return counted(len(self.seeds), "seed") if len(self.seeds) > 1 else "these weights (one seed)"
+
+    @property
+    def unclaimed(self) -> bool:
+        """Whether something is marked that cannot be claimed for other hands."""
+        return any(cell.rank and not cell.claimed for row in self.rows for cell in row.cells)
+
+    @property
+    def sunk(self) -> bool:
+        """Whether some value is not better than the floor."""
+        return any(cell.sunk for row in self.rows for cell in row.cells)
 
     @property
     def unequal(self) -> bool:
@@ -239,6 +276,17 @@ class Table:
     def of_group(self, group: Group) -> tuple[int, ...]:
         """The positions of a group's columns."""
         return tuple(i for i, column in enumerate(self.columns) if column.group == group)
+
+
+def counted(count: int, noun: str) -> str:
+    """ "1 frame", "28 frames"."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}".replace(",", " ")
+
+
+def listed(words: Sequence[str]) -> str:
+    """ "a", "a and b", "a, b and c"."""
+    *some, last = words
+    return f"{', '.join(some)} and {last}" if some else last
 
 
 def number(value: float | None, decimals: int) -> str:

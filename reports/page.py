@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -14,16 +14,21 @@ from .figures import ERROR_SCALE, Panel
 from .frames import KINDS
 from .model import (
     LIGHT_TITLES,
+    SUNK,
     UNEQUAL_NOTE,
     Aggregate,
     Column,
     Span,
     Table,
+    bounds,
+    chance,
     duration,
     letter,
+    listed,
     marks,
     number,
     scientific,
+    signed,
     three_digits,
 )
 from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, clock, draw, enrolments, told
@@ -32,6 +37,7 @@ from .run import Run, machine
 from .speed import speed_section
 from .stress import stress_section
 from .template import environment
+from .verdict import answer
 from .viewer import Viewer
 
 
@@ -60,6 +66,10 @@ def render_page(table: Table, run: Run, shown: Shown) -> str:
     )
     page.globals.update(
         unequal_note=UNEQUAL_NOTE,
+        sunk=SUNK,
+        signed=signed,
+        bounds=bounds,
+        chance=chance,
         marks=marks,
         cell_text=_cell_text,
         interval=_interval,
@@ -73,6 +83,8 @@ def render_page(table: Table, run: Run, shown: Shown) -> str:
     return page.get_template("page.html").render(
         table=table,
         plan=run.plan,
+        verdict=answer(table),
+        scope=" ".join(_scope(table)),
         checks=_checks(table, run),
         contents=_contents(table, shown, studies),
         figures=[(KINDS[kind], tuple(of_kind)) for kind, of_kind in panels],
@@ -89,6 +101,25 @@ def render_page(table: Table, run: Run, shown: Shown) -> str:
         resamples=RESAMPLES,
         machine=machine(run.plan.provenance.device),
     )
+
+
+def _scope(table: Table) -> Iterator[str]:
+    """What the rows are, from the rows."""
+    yield "Hand-relighting methods, each asked for the same frames and scored against the recorded ones."
+    methods = [row for row in table.rows if row.kind == "method"]
+    here = [row.title for row in methods if row.here]
+    elsewhere = [row.title for row in methods if not row.here]
+    if here and not elsewhere:
+        yield "Every method was trained here, on this capture, with the budget of this protocol."
+    elif here:
+        yield f"Trained here, on this capture, with the budget of this protocol: {listed(here)}."
+    if elsewhere:
+        yield f"Scored here from pictures that were made elsewhere, by whatever training: {listed(elsewhere)}."
+    if any("reimplementation" in row.fidelity for row in methods):
+        yield (
+            "A method named after a paper is a reimplementation of what the paper describes, not the authors' code or "
+            "checkpoint, so these numbers say nothing about published ones."
+        )
 
 
 def _contents(table: Table, shown: Shown, studies: Mapping[str, str | None]) -> list[tuple[str, str]]:
@@ -118,7 +149,10 @@ def _checks(table: Table, run: Run) -> list[tuple[bool, str]]:
     git = run.plan.provenance.git
     origin = "source code had uncommitted changes" if git and git.dirty else "source code as committed"
     return [
-        (finished == planned, f"{finished} of {planned} cells computed"),
+        (
+            finished == planned,
+            f"{finished} of {planned} cells computed (a cell: one method on one subject with one seed)",
+        ),
         (gaps == 0, "every value covers all frames" if gaps == 0 else f"{gaps} values miss frames, see the notes"),
         *([(False, f"declared linear in light, but not: {', '.join(bent)}")] if bent else []),
         *([(False, f"timed and scored images of {', '.join(unequal)} differ")] if unequal else []),

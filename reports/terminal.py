@@ -14,6 +14,7 @@ from handbench.results.statistics import Difference
 from .agreement import headline, sentence
 from .model import (
     COST_TITLES,
+    SUNK,
     UNEQUAL,
     UNEQUAL_NOTE,
     Aggregate,
@@ -31,17 +32,20 @@ from .model import (
     number,
     signed,
 )
+from .verdict import answer
 
 STYLES = {0: "", 1: "bold green", 2: "underline"}
+OPEN_STYLES = {1: "bold dim", 2: "underline dim"}  # of marks that hold for these hands alone
 
 
 def render_terminal(table: Table) -> RenderableType:
     """A rich renderable: print it with a `rich.console.Console`."""
     notes = [Text(f"{letter(index)}  {note}") for index, note in enumerate(table.footnotes, start=1)]
-    legend = "bold: best, underlined: second, with all that cannot be told from them; calibration (*), published rows "
-    legend += "and values that miss frames cannot win"
+    legend = "bold: best, underlined: second, with all that cannot be told from them (dim: not claimable for other "
+    legend += "hands); calibration (*), published rows, values that miss frames and what is not above the floor "
+    legend += f"({SUNK}) cannot win"
     told = (*table.remarks, *table.limits, legend, *((UNEQUAL_NOTE,) if table.unequal else ()))
-    remarks = [Text(text, style="dim") for text in told]
+    remarks = [*(Text(text, style="dim") for text in told), *map(Text, answer(table).sentences)]
     grids = [grid for group in table.groups for grid in (_grid(table, group), *_differences(table, group))]
     return Lines(Text(table.title, style="bold"), *grids, _costs(table), *_agreements(table), *notes, *remarks)
 
@@ -57,7 +61,7 @@ def _agreements(table: Table) -> Iterator[Text]:
 
 def _grid(table: Table, group: Group) -> RichTable:
     indices = table.of_group(group)
-    grid = _empty(group.title, table.rows)
+    grid = _empty(f"{group.title}: {group.counted}", table.rows)
     for index in indices:
         metric = table.columns[index].metric
         grid.add_column(Text(f"{metric.title} {metric.arrow}"), justify="right", overflow="fold")
@@ -122,7 +126,8 @@ def _name(row: Row) -> Text:
 
 
 def _cell(cell: Aggregate, column: Column) -> Text:
-    text = Text(number(cell.value, column.metric.decimals), style=STYLES[cell.rank])
+    style = STYLES[cell.rank] if cell.claimed or not cell.rank else OPEN_STYLES[cell.rank]
+    text = Text(number(cell.value, column.metric.decimals) + SUNK * cell.sunk, style=style)
     if cell.unequal:
         text.append(UNEQUAL, style="not bold not underline dim")
     if not cell.complete:

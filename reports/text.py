@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from .agreement import headline, sentence
 from .model import (
     COST_TITLES,
+    SUNK,
     UNEQUAL,
     UNEQUAL_NOTE,
     Aggregate,
@@ -27,10 +28,12 @@ from .model import (
     signed,
 )
 from .safe import csv_cell, markdown
+from .verdict import answer
 
 CSV_METHOD = ("method", "title", "kind", "fidelity", "enrolment")
 CSV_METRIC = ("column", "metric", "signature", "unit", "higher_is_better")
-CSV_VALUE = ("value", "low", "high", "spread", "covered", "expected", "nonfinite", "rank", "unequal", "reasons")
+CSV_VALUE = ("value", "low", "high", "spread", "covered", "expected", "nonfinite")
+CSV_MARKS = ("rank", "claimed", "below_floor", "unequal", "reasons")
 CSV_DIFFERENCE = ("baseline", "difference", "difference_low", "difference_high", "p", "p_holm", "paired", "subjects")
 
 
@@ -42,7 +45,7 @@ def render_csv(table: Table) -> str:
     as reasons. With a baseline there are more columns, which hold the paired difference to it.
     """
     out = io.StringIO()
-    columns = (*CSV_METHOD, *CSV_METRIC, *CSV_VALUE, *(CSV_DIFFERENCE if table.baseline else ()))
+    columns = (*CSV_METHOD, *CSV_METRIC, *CSV_VALUE, *CSV_MARKS, *(CSV_DIFFERENCE if table.baseline else ()))
     writer = csv.DictWriter(out, columns, lineterminator="\n")
 
     def write(line: dict[str, object]) -> None:
@@ -86,8 +89,9 @@ def _csv_column(column: Column) -> dict[str, object]:
 def _csv_cell(row: Row, cell: Aggregate, table: Table) -> dict[str, object]:
     reasons = "; ".join(table.footnotes[note - 1] for note in cell.notes)
     counts = (cell.covered, cell.expected, cell.nonfinite) if row.kind != "published" else ("", "", "")
-    values = (cell.value, cell.low, cell.high, cell.spread, *counts, cell.rank or "", cell.unequal or "", reasons)
-    found: dict[str, object] = dict(zip(CSV_VALUE, values, strict=True))
+    values = (cell.value, cell.low, cell.high, cell.spread, *counts)
+    marked = (cell.rank or "", cell.claimed if cell.rank else "", cell.sunk or "", cell.unequal or "", reasons)
+    found: dict[str, object] = dict(zip((*CSV_VALUE, *CSV_MARKS), (*values, *marked), strict=True))
     if apart := cell.difference:
         told = (table.baseline, apart.value, apart.low, apart.high, apart.p, apart.adjusted, apart.paired)
         found |= dict(zip(CSV_DIFFERENCE, (*told, apart.subjects), strict=True))
@@ -101,10 +105,12 @@ def render_markdown(table: Table) -> str:
 
 def _markdown(table: Table) -> Iterator[str]:
     yield f"# {markdown(table.title)}"
+    yield from (f"\n{markdown(sentence)}" for sentence in answer(table).sentences)
     for group in table.groups:
         indices = table.of_group(group)
         titles = [f"{table.columns[i].metric.title} {table.columns[i].metric.arrow}" for i in indices]
         yield f"\n## {markdown(group.title)}\n"
+        yield f"{markdown(' '.join(filter(None, (f'{group.counted}.', group.about))))}\n"
         yield from _pipes(["Method", *titles])
         for row in table.rows:
             yield _line([_title(row), *(_markdown_cell(row.cells[i], table.columns[i]) for i in indices)])
@@ -123,7 +129,11 @@ def _markdown(table: Table) -> Iterator[str]:
         yield f"- {markdown(headline(agreement))}"
         yield from (f"  - {markdown(sentence(pair, agreement.column))}" for pair in agreement.inversions)
     yield "\nBest in **bold**, second in *italics*, shared by what cannot be told apart; rows with \\* are calibration."
-    yield "Brackets hold the 95 % interval; after ± stands the standard deviation over seeds."
+    if table.unclaimed:
+        yield "° after a mark: it holds for these hands and cannot be claimed for others (paired test over subjects)."
+    if table.sunk:
+        yield f"{SUNK}: not better than the floor, so never best."
+    yield f"Brackets hold the 95 % interval, for {table.trainings}; after ± stands the standard deviation over seeds."
     remarks = (*table.remarks, *table.limits, *((UNEQUAL_NOTE,) if table.unequal else ()))
     yield from (f"\n{markdown(remark)}" for remark in remarks)
     if table.footnotes:
@@ -151,7 +161,8 @@ def _title(row: Row) -> str:
 def _markdown_cell(cell: Aggregate, column: Column) -> str:
     decimals = column.metric.decimals
     value = number(cell.value, decimals)
-    text = {0: value, 1: f"**{value}**", 2: f"*{value}*"}[cell.rank] + UNEQUAL * cell.unequal
+    text = {0: value, 1: f"**{value}**", 2: f"*{value}*"}[cell.rank] + "°" * (cell.rank > 0 and not cell.claimed)
+    text += SUNK * cell.sunk + UNEQUAL * cell.unequal
     if cell.low is not None:
         text += f" [{number(cell.low, decimals)}, {number(cell.high, decimals)}]"
     if cell.spread is not None:

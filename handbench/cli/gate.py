@@ -18,12 +18,13 @@ if TYPE_CHECKING:
     from ..results.gate import Check, Outcome
 
 _CODES = (
-    "exit codes: 0 pass, 1 regression, 2 not comparable or bad input, 3 the candidate run failed; others as everywhere"
+    "exit codes: 0 pass, 1 regression, 2 not comparable or bad input, 3 the candidate run failed, 4 too noisy to tell; "
+    "others as everywhere"
 )
 _PERCENT = re.compile(r"(\d{1,20}(?:\.\d{1,20})?)\s*%", re.ASCII)
 _AMOUNT = re.compile(r"([\w-]+)\s*=\s*(\d{1,20}(?:\.\d{1,20})?(?:e-?\d{1,3})?)", re.ASCII)
 _MOST = 1e6  # a threshold above lets everything pass
-_STYLES = {"regression": "bold red", "worse": "yellow", "better": "green", "same": ""}
+_STYLES = {"regression": "bold red", "cannot tell": "magenta", "worse": "yellow", "better": "green", "same": ""}
 
 
 def add(verbs: Any) -> None:

@@ -1,7 +1,8 @@
 """May a candidate run replace a baseline run? Quality and times of the methods that both measured.
 
-A regression needs both: an effect beyond its threshold, and a 95 % interval that excludes no effect. What cannot be
-compared is said, never guessed: another protocol, other data or seeds, another coverage, another device for times.
+A regression needs both: an effect beyond its threshold, and a 95 % interval that excludes no effect. A pass needs
+intervals that exclude the threshold: where one does not, the runs are too noisy to tell. What cannot be compared is
+said, never guessed: another protocol, other data or seeds, another coverage, another device for times.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ class Verdict(IntEnum):
     REGRESSION = 1
     NOT_COMPARABLE = 2
     FAILED = 3
+    TOO_NOISY = 4
 
 
 @dataclass(frozen=True)
@@ -52,8 +54,9 @@ class Quality:
 @dataclass(frozen=True)
 class Check:
     """One comparison. `worse` is how far the candidate is on the wrong side, with its interval, in the unit of
-    `allowed`; for times the factor minus one. verdict: "regression", "worse" (beyond noise but allowed, or too much
-    but within noise), "same" or "better". unequal: enrolment gave the candidate something else than the baseline."""
+    `allowed`; for times the factor minus one. verdict: "regression"; "cannot tell" (it may be beyond what is allowed,
+    and may be noise); "worse" (beyond noise but allowed), "same" or "better". unequal: enrolment gave the candidate
+    something else than the baseline."""
 
     method: str
     column: str
@@ -83,6 +86,10 @@ class Outcome:
         return tuple(check for check in self.checks if check.verdict == "regression")
 
     @property
+    def noisy(self) -> tuple[Check, ...]:
+        return tuple(check for check in self.checks if check.verdict == "cannot tell")
+
+    @property
     def sentence(self) -> str:
         """The outcome in one sentence."""
         if self.verdict is Verdict.NOT_COMPARABLE:
@@ -92,8 +99,18 @@ class Outcome:
         count = len(self.checks)
         if self.verdict is Verdict.PASS:
             return f"pass: none of {count} comparisons is a regression"
-        methods = ", ".join(dict.fromkeys(check.method for check in self.regressions))
-        return f"regression: {len(self.regressions)} of {count} comparisons, in {methods}"
+        if self.verdict is Verdict.TOO_NOISY:
+            return (
+                f"too noisy to tell: {_share(self.noisy, count)}, may be worse than is allowed; more subjects, frames, "
+                "seeds or repeats tell, or a wider threshold"
+            )
+        return f"regression: {_share(self.regressions, count)}"
+
+
+def _share(checks: Sequence[Check], count: int) -> str:
+    """ "2 of 12 comparisons, in good"."""
+    methods = ", ".join(dict.fromkeys(check.method for check in checks))
+    return f"{len(checks)} of {count} comparisons, in {methods}"
 
 
 def gate(
@@ -136,8 +153,10 @@ def gate(
             checks += _times(new, old, chosen, time)
     unequal = {name for name in chosen if new.run.plan.method(name).enrolled_unlike(old.run.plan.method(name))}
     checks = [replace(check, unequal=check.method in unequal) for check in checks]
-    bad = any(check.verdict == "regression" for check in checks)
-    return Outcome(Verdict.REGRESSION if bad else Verdict.PASS, tuple(checks), remarks=tuple(remarks))
+    found = {check.verdict for check in checks}
+    noisy = Verdict.TOO_NOISY if "cannot tell" in found else Verdict.PASS
+    verdict = Verdict.REGRESSION if "regression" in found else noisy
+    return Outcome(verdict, tuple(checks), remarks=tuple(remarks))
 
 
 @dataclass(frozen=True)
@@ -237,9 +256,14 @@ def _repeats(spreads: Sequence[Spread]) -> list[list[float]]:
 
 
 def _verdict(worse: float, low: float | None, high: float | None, allowed: float) -> str:
-    certain = low is not None and high is not None and (low > 0 or high < 0)
-    if worse > allowed:
-        return "regression" if certain else "worse"
+    """Without an interval only no difference at all can be told, and a gain cannot."""
+    if low is None or high is None:
+        return "same" if worse == 0 else "cannot tell"
+    certain = low > 0 or high < 0
+    if worse > allowed and certain:
+        return "regression"
+    if high > allowed:
+        return "cannot tell"
     if not certain:
         return "same"
     return "worse" if worse > 0 else "better"

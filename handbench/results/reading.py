@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 from ..bench.store import Store
 from ..errors import InputError
-from .record import CellRecord, RunRecord
+from .record import CellRecord, MethodRecord, RunRecord
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,19 @@ class Run:
 
 
 def read_run(folder: Path) -> Run:
-    """Raises `InputError` for a folder without a run or with a newer version's, `Damaged` for a damaged run.json."""
-    return Run(folder, read_plan(folder))
+    """The run of a folder, each method under a title of its own.
+
+    Raises `InputError` for a folder without a run or with a newer version's, `Damaged` for a damaged run.json.
+    """
+    plan = read_plan(folder)
+    return Run(folder, replace(plan, methods=titled_apart(plan.methods)))
+
+
+def titled_apart(methods: Sequence[MethodRecord]) -> tuple[MethodRecord, ...]:
+    """The methods, with the name after each title that several have: "Phong (urhand-phong)"."""
+    count = Counter(method.title for method in methods)
+    apart = (replace(m, title=f"{m.title} ({m.name})") if count[m.title] > 1 else m for m in methods)
+    return tuple(apart)
 
 
 def read_plan(folder: Path) -> RunRecord:

@@ -7,6 +7,9 @@ frames, over subjects, over seeds, each over what is there.
 Frames of one hand are not independent hands, so draws and tests take subjects, not frames, as the unit. With few
 subjects that limits what any method can claim, and we do not hide it: intervals widen (see `interval`), and no test
 over n subjects can give a p-value below 2 ** (1 - n) (see `sign_flips`).
+
+A seed is another training. With several, intervals hold what another training would change; with one they tell of
+these weights alone.
 """
 
 from __future__ import annotations
@@ -107,20 +110,32 @@ def _drawn(values: Array, subjects: Array, generator: np.random.Generator) -> Ar
     return total / count
 
 
-def over_seeds(draws: Array) -> Array:
-    """Draws of single seeds (seeds, RESAMPLES) to those of their mean; a seed without values is left out."""
-    return _mean(draws.T)
+def over_seeds(draws: Array, seed: int) -> Array:
+    """Draws of single seeds (seeds, RESAMPLES) to those of their mean, with seeds drawn with replacement as well.
+
+    A seed without values is left out. Rows with as many seeds get the same draws, so that differences stay paired.
+    """
+    there = draws[np.isfinite(draws[:, 0])]
+    if len(there) < 2:
+        return _mean(draws.T)
+    generator = np.random.default_rng((seed, len(there)))
+    shares = generator.multinomial(len(there), np.full(len(there), 1 / len(there)), size=RESAMPLES).T / len(there)
+    mixed: Array = (there * shares).sum(axis=0)
+    return mixed
 
 
-def interval(draws: Array, subjects: Array) -> tuple[float, float] | None:
-    """The 95 % percentile interval of bootstrap draws (RESAMPLES,), or None with fewer than two frames.
+def interval(draws: Array, subjects: Array, seed: int) -> tuple[float, float] | None:
+    """The 95 % percentile interval of bootstrap draws of single seeds (seeds, RESAMPLES), None with one frame or none.
 
-    `subjects`: of the frames that have a value. Percentiles of a bootstrap are too narrow for few subjects. They are
-    taken further out, at Phi(-sqrt(n / (n - 1)) t) for n subjects, with t the quantile of Student's distribution with
-    n - 1 degrees (Hesterberg, What Teachers Should Know About the Bootstrap, 2015, "expanded percentile interval").
-    With fewer than six subjects even the extremes of all draws hold less than 95 %: differences between few hands
-    cannot tell about all hands. With one subject the frames take the place of the subjects, and the interval is about
-    that subject alone.
+    `subjects`: of the frames that have a value. Subjects and seeds are drawn together (see `over_seeds`): a crossed
+    hierarchical bootstrap, as every seed is scored on every subject. Percentiles of a bootstrap are too narrow for few
+    clusters. They are taken further out, at Phi(-f t): f is how much the bootstrap's spread falls short, sqrt(n /
+    (n - 1)) for n subjects alone (Hesterberg, What Teachers Should Know About the Bootstrap, 2015, "expanded percentile
+    interval"), and t the quantile of Student's distribution. With seeds the two variances add up, each with its own
+    shortfall, and the degrees of freedom are those of such a sum (Satterthwaite, Biometrics Bulletin 2, 1946).
+    With fewer than six subjects or seeds even the extremes of all draws hold less than 95 %: few hands cannot tell
+    about all hands, nor few trainings about all. With one subject the frames take the place of the subjects, and the
+    interval is about that subject alone.
     """
     from scipy.special import ndtr, stdtrit
 
@@ -128,9 +143,17 @@ def interval(draws: Array, subjects: Array) -> tuple[float, float] | None:
     units = clusters if clusters > 1 else len(subjects)
     if units < 2:
         return None
-    quantile = float(stdtrit(units - 1, (1 + CONFIDENCE) / 2)) * math.sqrt(units / (units - 1))
-    tail = float(ndtr(-quantile))
-    low, high = np.quantile(draws, (tail, 1 - tail))
+    there = draws[np.isfinite(draws[:, 0])]
+    parts = [(float(np.var(there.mean(axis=0))), units)]
+    if len(there) > 1:
+        parts.append((float(np.var(there.mean(axis=1))) / len(there), len(there)))
+    short = sum(variance for variance, _ in parts)  # of the bootstrap, which divides by n where n - 1 is right
+    whole = [(variance * count / (count - 1), count - 1) for variance, count in parts]
+    total = sum(variance for variance, _ in whole)
+    freedom = total**2 / sum(variance**2 / free for variance, free in whole) if total else units - 1
+    factor = math.sqrt(total / short) if short else 1.0
+    tail = float(ndtr(-factor * float(stdtrit(freedom, (1 + CONFIDENCE) / 2))))
+    low, high = np.quantile(over_seeds(draws, seed), (tail, 1 - tail))
     return float(low), float(high)
 
 
@@ -139,15 +162,21 @@ def differences(
 ) -> list[Difference | None]:
     """First minus second of each pair, (seeds, frames) both, over the frames and seeds that both have.
 
-    With unequal numbers of seeds the means over seeds are paired. None where nothing pairs; no p-values unless
-    `tested`. All pairs of equal coverage share their draws.
+    With unequal numbers of seeds the means over seeds are paired, and the interval tells of those weights. None where
+    nothing pairs; no p-values unless `tested`. All pairs of equal coverage share their draws.
     """
     apart = [_apart(first, second) for first, second in pairs]
     ends = np.cumsum([len(each) for each in apart])[:-1]
     draws = np.split(bootstrap(np.concatenate(apart), subjects, seed), ends) if apart else []
     of_subjects = [_mean(subject_means(each, subjects).T) for each in apart]
     ps = sign_flips(np.stack(of_subjects), seed).tolist() if tested and apart else [None] * len(apart)
-    return [_difference(*each, subjects) for each in zip(apart, draws, ps, strict=True)]
+    return [_difference(*each, subjects, seed) for each in zip(apart, draws, ps, strict=True)]
+
+
+def p_values(pairs: Sequence[tuple[Array, Array]], subjects: Array, seed: int) -> list[float]:
+    """The p-value of each pair by `sign_flips`, as `differences` gives it, without the interval; 1 where none pairs."""
+    of_subjects = [_mean(subject_means(_apart(*pair), subjects).T) for pair in pairs]
+    return [float(p) for p in sign_flips(np.stack(of_subjects), seed)] if pairs else []
 
 
 def _apart(first: Array, second: Array) -> Array:
@@ -156,13 +185,13 @@ def _apart(first: Array, second: Array) -> Array:
     return first - second
 
 
-def _difference(apart: Array, draws: Array, p: float | None, subjects: Array) -> Difference | None:
+def _difference(apart: Array, draws: Array, p: float | None, subjects: Array, seed: int) -> Difference | None:
     value = aggregate(apart, subjects)
     if value is None:
         return None
     present = np.isfinite(apart)
     used = subjects[present.any(axis=0)]
-    low, high = interval(over_seeds(draws), used) or (None, None)
+    low, high = interval(draws, used, seed) or (None, None)
     count = len(np.unique(used))
     return Difference(value, low, high, int(present.sum()), count, seed_spread(apart, subjects), p, p)
 

@@ -27,16 +27,68 @@ for (const table of document.querySelectorAll("table.sortable")) {
     });
   });
 }
-// Show one group of columns at a time; on a narrow screen the first one to begin with.
+// The state of the page that a link can hold: "#metric=ssim&left=urhand", kept while the page is used.
+const state = {
+  get: (name) => new URLSearchParams(location.hash.includes("=") ? location.hash.slice(1) : "").get(name),
+  set(changes) {
+    const kept = new URLSearchParams(location.hash.includes("=") ? location.hash.slice(1) : "");
+    for (const [name, value] of Object.entries(changes)) {
+      if (value === "" || value === null) kept.delete(name);
+      else kept.set(name, value);
+    }
+    history.replaceState(null, "", `#${kept.toString().replaceAll("%2F", "/")}`);
+  },
+};
+// The overview shows one metric at a time; small screens begin without intervals.
 const picker = document.querySelector(".picker");
 const buttons = [...picker.querySelectorAll("button")];
-function pick(group) {
-  for (const button of buttons) button.setAttribute("aria-pressed", String(button.dataset.group === group));
-  for (const cell of document.querySelectorAll(".results [data-group]")) cell.hidden = group !== "" && cell.dataset.group !== group;
+function pick(metric) {
+  const button = buttons.find((each) => each.dataset.metric === metric);
+  if (!button) return;
+  for (const each of buttons) each.setAttribute("aria-pressed", String(each === button));
+  for (const cell of document.querySelectorAll(".overview [data-metric]")) cell.hidden = cell.dataset.metric !== metric;
+  document.querySelector(".overview .metric").textContent = button.textContent;
 }
-for (const button of buttons) button.addEventListener("click", () => pick(button.dataset.group));
-picker.hidden = buttons.length < 3;
-if (!picker.hidden && matchMedia("(max-width: 40rem)").matches) pick(buttons[1].dataset.group);
+for (const button of buttons) {
+  button.addEventListener("click", () => {
+    pick(button.dataset.metric);
+    state.set({ metric: button === buttons[0] ? "" : button.dataset.metric });
+    cues();
+  });
+}
+const intervals = picker.querySelector(".intervals");
+function showIntervals() {
+  document.getElementById("results").classList.toggle("plain", !intervals.checked);
+  cues();
+}
+intervals.addEventListener("change", showIntervals);
+picker.hidden = false;
+// What is wider than its place says so, and fades where it goes on.
+const wide = [...document.querySelectorAll(".scroll")].map((place) => {
+  const cue = document.createElement("p");
+  cue.className = "cue";
+  cue.hidden = true;
+  cue.textContent = "more to the right →";
+  cue.setAttribute("aria-hidden", "true");
+  place.before(cue);
+  place.addEventListener("scroll", () => fade(place), { passive: true });
+  return [place, cue];
+});
+function fade(place) {
+  const more = place.scrollWidth - place.clientWidth - place.scrollLeft > 2;
+  if (more) place.dataset.more = "right";
+  else delete place.dataset.more;
+}
+function cues() {
+  for (const [place, cue] of wide) {
+    cue.hidden = place.scrollWidth - place.clientWidth <= 2;
+    fade(place);
+  }
+}
+addEventListener("resize", cues);
+pick(state.get("metric"));
+if (matchMedia("(max-width: 40rem)").matches) intervals.checked = false;
+showIntervals();
 // Of the figures that a group of choices is for, show those that agree with every pressed button.
 for (const choices of document.querySelectorAll(".choices")) {
   const figures = [...document.getElementById(choices.dataset.for).children];
@@ -54,5 +106,3 @@ for (const choices of document.querySelectorAll(".choices")) {
   choices.hidden = false;
   apply();
 }
-// Print shows everything.
-addEventListener("beforeprint", () => pick(""));

@@ -78,8 +78,10 @@ def test_noise_as_large_as_the_loss_is_no_regression(baseline: Path, tmp_path: P
     outcome = _gate(noisy, baseline)
     found = _check(outcome, "good", "PSNR")
     assert found.worse == pytest.approx(0.5) and found.worse > found.allowed
-    assert found.low is not None and found.low < 0 and found.verdict == "worse"
-    assert outcome.verdict is Verdict.PASS
+    assert found.low is not None and found.low < 0 and found.verdict == "cannot tell"
+    assert outcome.verdict is Verdict.TOO_NOISY == 4
+    assert outcome.sentence.startswith("too noisy to tell: 2 of 12 comparisons, in good, may be worse than is allowed")
+    assert _gate(noisy, baseline, quality=Quality(0.2)).verdict is Verdict.PASS, "the interval excludes 20 %"
 
 
 def test_a_certain_loss_below_the_threshold_is_no_regression(baseline: Path, tmp_path: Path) -> None:
@@ -171,6 +173,17 @@ def test_times_within_their_spread_do_not_regress(tmp_path: Path) -> None:
         if c.kind == "time"
     ]
     assert "regression" not in {check.verdict for check in found} and max(check.worse for check in found) > 0.1
+    assert all(check.verdict == "cannot tell" for check in found if check.worse > 0)
+
+
+def test_one_frame_of_one_subject_cannot_be_told(tmp_path: Path) -> None:
+    one, other = (
+        write_run(tmp_path / name, _changed("good", "psnr", lambda s, f, more=more: more), subjects=1, frames=1)
+        for name, more in (("one", 0.0), ("other", 0.1))
+    )
+    assert _gate(one, one).verdict is Verdict.PASS
+    assert _gate(other, one, time=None).verdict is Verdict.TOO_NOISY, "a gain of one frame is no gain"
+    assert main(["gate", str(other), "--baseline", str(one), "--time", "off"]) == 4
 
 
 def test_times_of_another_device_are_left_out_or_refused(baseline: Path, tmp_path: Path) -> None:

@@ -11,13 +11,28 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handbench.bench.store import Store
 from handbench.data.exr import rgb, write_exr
-from handbench.reports import table
+from handbench.reports.build import build
 from handbench.reports.figures import panels
 from handbench.reports.page import Shown, render_page
 from handbench.reports.pareto import plots
-from handbench.reports.run import read_run
+from handbench.reports.run import Run, read_run
 from handbench.reports.viewer import viewer
+from handbench.results.record import (
+    CaptureRecord,
+    CellRecord,
+    ColumnRecord,
+    Git,
+    MethodRecord,
+    MetricRecord,
+    ProtocolRecord,
+    Provenance,
+    RunRecord,
+    ScoredFrame,
+    Spread,
+    Times,
+)
 
 SIZE = 72
 COLUMNS = (
@@ -37,6 +52,12 @@ METHODS = (
     ("phong", "Phong", "classical baseline, fitted here", False, 0.45),
     ("physical", "Physical_BRDF & fit", "the physical branch alone, fitted here", False, 0.55),
     ("urhand", "URHand", "faithful reimplementation, trained here", False, 0.9),
+)
+FOUR = (
+    ("psnr", "PSNR", True, "dB", 2),
+    ("ssim", "SSIM", True, "", 4),
+    ("lpips-alex", "LPIPS (Alex)", False, "", 4),
+    ("lpips-vgg", "LPIPS (VGG)", False, "", 4),
 )
 SUBJECTS = ("s01", "s02", "s03")
 POSES = ("fist", "open")
@@ -232,11 +253,55 @@ def set_scores() -> Callable[..., None]:
 
 
 @pytest.fixture(scope="session")
-def page_of() -> Callable[[Path], str]:
+def many(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A run of 15 methods in six columns of four metrics, two seeds, without pictures; three methods share a title."""
+    names = [f"method-{number}" for number in range(15)]
+    metrics = [
+        MetricRecord(name, title, f"{name}|v1", up, unit, name, decimals) for name, title, up, unit, decimals in FOUR
+    ]
+    queries = [f"s{s:02d}/pose-{p}/dorsal/group-{i}" for s in range(6) for p in range(2) for i in range(2)]
+    columns = [ColumnRecord(f"c{i}", f"Unseen thing {i}", tuple(queries), "unseen", ("light",)) for i in range(6)]
+    protocol = ProtocolRecord("wide", 1, "A wide comparison", "ab" * 32, tuple(columns), tuple(metrics))
+    methods, cells = [], []
+    for number, name in enumerate(names):
+        title = f"w/o part {number}" if number % 5 else "The full model"
+        method = MethodRecord(name, title, fidelity="faithful reimplementation", enrolment="fully lit views")
+        methods.append(method)
+        for seed in (0, 1):
+            rng = np.random.default_rng((number, seed))
+            for subject in range(6):
+                mine = [query for query in queries if query.startswith(f"s{subject:02d}/")]
+                scores = [
+                    ScoredFrame(column.name, query, "group", tuple(_four(number, rng.normal())))
+                    for column in columns
+                    for query in mine
+                ]
+                spread = Spread(10.0 + number, 9.0, 30.0, 4)
+                times = Times(60.0 * number, 2.0, {"group": spread}, {"group": spread})
+                key = f"{name}-{subject}-{seed}"
+                signatures = tuple(metric.signature for metric in metrics)
+                cells.append(CellRecord(key, method, f"s{subject:02d}", seed, signatures, tuple(scores), times))
+    origin = Provenance("0.1.0", Git("0" * 40, False), "handbench run wide")
+    capture, keys = CaptureRecord("openstage", "c4" * 8), tuple(cell.key for cell in cells)
+    plan = RunRecord(protocol, tuple(methods), (0, 1), capture, keys, origin)
+    store = Store(tmp_path_factory.mktemp("wide"))
+    store.write_run(plan)
+    for cell in cells:
+        store.write_cell(cell)
+    return read_run(store.folder)
+
+
+def _four(number: int, noise: float) -> list[float]:
+    return [20 + number + noise, 0.8 + 0.01 * number, 0.2 - 0.01 * number + 0.001 * noise, 0.3 - 0.01 * number]
+
+
+@pytest.fixture(scope="session")
+def page_of() -> Callable[[Path | Run], str]:
     """A function that gives the page of a run as text, without writing it or making the figures beside it."""
 
-    def page_of(run_folder: Path) -> str:
-        run, rows = read_run(run_folder), table(run_folder)
+    def page_of(given: Path | Run) -> str:
+        run = given if isinstance(given, Run) else read_run(given)
+        rows = build(run)
         return render_page(rows, run, Shown(tuple(panels(run)), (), plots(rows), viewer(run, rows)))
 
     return page_of

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from handbench.reports.run import read_run
+from handbench.reports.run import Run, read_run
 from handbench.results.recordfile import sealed
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="the Python package playwright is not installed")
@@ -48,6 +48,14 @@ def address(run: Path, page_of: Callable[[Path], str]) -> str:
 
 
 @pytest.fixture(scope="module")
+def wide_address(many: Run, tmp_path_factory: pytest.TempPathFactory, page_of: Callable[[Run], str]) -> str:
+    """The page of 15 methods in six columns of four metrics, without pictures."""
+    path = tmp_path_factory.mktemp("many") / "page.html"
+    path.write_text(page_of(many), encoding="utf-8")
+    return path.as_uri()
+
+
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     with sync_api.sync_playwright() as playwright:
         flags = [f"--{flag}" for flag in (*QUIET, "disable-sync")]
@@ -68,7 +76,7 @@ class Opened:
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.goto(address)
-        if settings.get("java_script_enabled", True):
+        if settings.get("java_script_enabled", True) and self.page.locator(".stage").count():
             self.drawn()
 
     def drawn(self) -> None:
@@ -122,18 +130,18 @@ def test_links_of_the_contents_lead_to_sections(opened: Opened) -> None:
 
 def test_sorting_goes_both_ways_keeps_gaps_and_published_rows_last_and_is_announced(opened: Opened) -> None:
     page = opened.page
-    head = page.locator(".results thead button").nth(1)  # PSNR of the first column
+    body, head = ".overview tbody tr", page.locator(".overview thead button").nth(1)  # PSNR of the first column
     first = "all => all.map(row => row.className + ' ' + row.cells[0].dataset.value)"
     head.focus()
     page.keyboard.press("Enter")
-    ordered = page.eval_on_selector_all(".results tbody tr", first)
+    ordered = page.eval_on_selector_all(body, first)
     values = ["calibration Oracle", "method URHand", "method Phong", "calibration Mean"]
     last = ["method Physical_BRDF & fit", "published URHand"]
     assert ordered == values + last
     assert page.locator(".results th[aria-sort]").get_attribute("aria-sort") == "descending"
-    assert page.inner_text("#said").replace("\xa0", " ") == "Sorted by PSNR ↑, descending"
+    assert page.inner_text("#said") == "Sorted by Unseen segment 3 subjects, 24 frames, descending"
     page.keyboard.press("Enter")
-    assert page.eval_on_selector_all(".results tbody tr", first) == values[::-1] + last
+    assert page.eval_on_selector_all(body, first) == values[::-1] + last
 
 
 def test_plots_follow_the_choice_of_metric_and_time(opened: Opened) -> None:
@@ -322,6 +330,46 @@ def test_by_touch_one_finger_moves_the_divider_and_two_zoom(browser: Any, addres
     opened.context.close()
 
 
+def test_the_overview_shows_one_metric_which_a_link_keeps(opened: Opened) -> None:
+    page = opened.page
+    page.click('.picker [data-metric="ssim"]')
+    heads = page.locator(".overview thead th.num:visible")
+    assert heads.count() == 3 and heads.first.inner_text().startswith("Unseen segment")
+    assert page.inner_text(".overview .metric").replace("\xa0", " ") == "SSIM ↑"
+    assert page.evaluate("location.hash") == "#metric=ssim"
+    page.reload()
+    opened.drawn()
+    assert page.locator('.picker [aria-pressed="true"]').get_attribute("data-metric") == "ssim"
+    page.click('.picker [data-metric="psnr"]')
+    assert page.evaluate("location.hash") in ("", "#")
+
+
+WIDE = """() => [...document.querySelectorAll(".scroll")].filter(one => one.scrollWidth > one.clientWidth + 2)
+  .map(one => [one.getAttribute("aria-label"), !one.previousElementSibling.hidden, one.dataset.more])"""
+
+
+@pytest.mark.parametrize("width", (390, 820, 1280, 2560))
+def test_no_column_is_off_screen_without_a_cue(browser: Any, wide_address: str, width: int) -> None:
+    """24 value columns and 15 methods: tables fit, or say that they go on, and where."""
+    opened = Opened(browser, wide_address, width, 900)
+    found = opened.page.evaluate(WIDE)
+    assert all(cue and more == "right" for _, cue, more in found), found
+    if width >= 820:
+        assert not [label for label, *_ in found if "metric" in label], "tables of results fit"
+    assert opened.page.evaluate("document.documentElement.scrollWidth") <= width + TOLERATED
+    opened.context.close()
+
+
+def test_print_has_all_24_columns(browser: Any, wide_address: str) -> None:
+    opened = Opened(browser, wide_address, 1032, 700)  # A4 across, less its margins
+    page = opened.page
+    page.emulate_media(media="print")
+    cut = "all => all.filter(one => one.getBoundingClientRect().right > innerWidth + 1).map(one => one.className)"
+    assert page.eval_on_selector_all("table", cut) == []
+    assert page.locator(".block th.num:visible").count() == 24
+    opened.context.close()
+
+
 @pytest.mark.parametrize("width", (320, 400, 768))
 def test_a_narrow_window_has_no_sideways_scroll(browser: Any, address: str, width: int) -> None:
     opened = Opened(browser, address, width, 700)
@@ -343,7 +391,7 @@ def test_print_has_whole_tables_and_no_controls(browser: Any, address: str) -> N
         assert not page.locator(selector).first.is_visible(), selector
     tables = "all => all.filter(one => one.getBoundingClientRect().right > innerWidth + 1).map(one => one.className)"
     assert page.eval_on_selector_all("table", tables) == []
-    assert page.locator(".results th.group:visible").count() == 3, "all columns, though one was picked"
+    assert page.locator(".block:visible th.num").count() == 9, "all columns, though one metric was picked"
     assert page.pdf(prefer_css_page_size=True).startswith(b"%PDF")
     opened.context.close()
 

@@ -1,0 +1,169 @@
+"""A table's answer in a few sentences: who is best, by how much, for whom that holds, and at what cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from handbench.results.statistics import CONFIDENCE, least_p
+
+from .model import LIGHT_TITLES, Column, Row, Span, Table, counted, duration, listed, number
+
+
+@dataclass(frozen=True)
+class Answer:
+    """`best`: who wins by the first metric, and by how much. `claim`: for whom that holds. `cost`: what it takes.
+    `warnings`: what a reader must know before any of it. Each a sentence or more, "" where there is nothing to say."""
+
+    best: str
+    claim: str = ""
+    cost: str = ""
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        return tuple(filter(None, (self.best, self.claim, self.cost, *self.warnings)))
+
+
+def answer(table: Table) -> Answer:
+    """What the rows say, by the first metric of the protocol; the others are counted beside it."""
+    methods = [row for row in table.rows if row.kind == "method"]
+    warnings = tuple(_warnings(table, methods))
+    if not methods:
+        return Answer(
+            "No method was run beside the calibration rows, so there is nothing to compare.", "", "", warnings
+        )
+    first = [table.of_group(group)[0] for group in table.groups]
+    wins = {row.name: [i for i in first if row.cells[i].rank == 1] for row in methods}
+    most = max(map(len, wins.values()))
+    leaders = [row for row in methods if len(wins[row.name]) == most]
+    metric = table.metrics[0].title
+    if not most:
+        return Answer(
+            f"No method can be called best by {metric}: none is above the floor on every frame.", "", "", warnings
+        )
+    if len(methods) == 1:
+        return Answer(
+            f"{methods[0].title} was run alone: there is no method to compare it with.", _scope(table), "", warnings
+        )
+    if len(leaders) > 1:
+        each = f"each best, alone or with others, in {_of(most, len(first))} by {metric}"
+        return Answer(f"{listed([row.title for row in leaders])} are {each}.", _scope(table), "", warnings)
+    (leader,) = leaders
+    found = wins[leader.name]
+    best = f"{leader.title} is best in {_of(most, len(first))} by {metric}{_ahead(table, methods, leader, found)}"
+    return Answer(
+        f"{best}.{_others(table, leader)}",
+        _claim(table, methods, leader, found),
+        _cost(table, methods, leader, found[0]),
+        warnings,
+    )
+
+
+def _of(count: int, all_of: int) -> str:
+    """ "all 4 columns", "3 of 4 columns", "the one column"."""
+    if all_of == 1:
+        return "the one column"
+    return f"all {all_of} columns" if count == all_of else f"{count} of {all_of} columns"
+
+
+def _next(methods: Sequence[Row], leader: Row, index: int, column: Column) -> Row | None:
+    """The best of the other methods in a column."""
+    sign = 1.0 if column.metric.higher_is_better else -1.0
+    others = [row for row in methods if row is not leader and row.cells[index].complete]
+    return max(others, key=lambda row: sign * (row.cells[index].value or 0.0), default=None)
+
+
+def _ahead(table: Table, methods: Sequence[Row], leader: Row, found: Sequence[int]) -> str:
+    """ ", by 1.52 to 3.30 dB over the next", and with whom the mark is shared."""
+    gaps = []
+    for index in found:
+        if (other := _next(methods, leader, index, table.columns[index])) is not None:
+            gaps.append(abs((leader.cells[index].value or 0.0) - (other.cells[index].value or 0.0)))
+    metric = table.columns[found[0]].metric
+    low, high = (number(bound, metric.decimals) for bound in (min(gaps, default=0.0), max(gaps, default=0.0)))
+    told = (
+        f", by {low if low == high else f'{low} to {high}'} {metric.unit}".rstrip() + " over the next" if gaps else ""
+    )
+    shared = [i for i in found if any(row.cells[i].rank == 1 for row in methods if row is not leader)]
+    return told + (f"; in {len(shared)} of them another method cannot be told from it" if shared else "")
+
+
+def _others(table: Table, leader: Row) -> str:
+    """How it fares by the other metrics."""
+    rest = [i for i, column in enumerate(table.columns) if column.metric != table.metrics[0]]
+    if not rest:
+        return ""
+    count = sum(leader.cells[i].rank == 1 for i in rest)
+    return f" By the other metrics it is best in {count} of {counted(len(rest), 'value')}."
+
+
+def _scope(table: Table) -> str:
+    """On what it was measured: "2 to 4 subjects and 28 frames a column, one seed: it tells of these weights."."""
+    subjects, frames = ([getattr(group, name) for group in table.groups] for name in ("subjects", "frames"))
+    seeds = "one seed: it tells of these weights" if len(table.seeds) == 1 else f"{len(table.seeds)} seeds"
+    return f"Measured on {_range(subjects, 'subject')} and {_range(frames, 'frame')} a column, {seeds}."
+
+
+def _range(counts: Sequence[int], noun: str) -> str:
+    low, high = min(counts), max(counts)
+    return counted(low, noun) if low == high else f"{low} to {counted(high, noun)}"
+
+
+def _claim(table: Table, methods: Sequence[Row], leader: Row, found: Sequence[int]) -> str:
+    """Whether the lead can be claimed for other hands: the answer of the corrected paired test."""
+    claimed = [i for i in found if leader.cells[i].claimed]
+    alone = len(claimed) == len(found)
+    if claimed:
+        where = "in each of them" if alone else f"in {len(claimed)} of these {len(found)}"
+        told = f"The lead holds for other hands too {where} (paired test over subjects, p ≤ 0.05 after correction)."
+    else:
+        most = max(table.columns[i].group.subjects for i in found)
+        least = least_p(most) * (len(methods) - 1)
+        few = least > 1 - CONFIDENCE + 1e-9
+        why = f"with {counted(most, 'subject')} p cannot fall below {least:.2g}" if few else "p is above 0.05"
+        told = (
+            f"It holds for these hands; it cannot be claimed for others (paired test over subjects, corrected: {why})."
+        )
+    return f"{_scope(table)} {told}"
+
+
+def _cost(table: Table, methods: Sequence[Row], leader: Row, index: int) -> str:
+    """What it takes beside the next best: time of a frame, training."""
+    kind = table.timed_kind
+    own = leader.times.new_pose_ms.get(kind)
+    parts = []
+    if own is not None:
+        parts.append(f"{duration(own)} ms for a new pose under {LIGHT_TITLES[kind]}")
+        other = _next(methods, leader, index, table.columns[index])
+        theirs = other.times.new_pose_ms.get(kind) if other else None
+        if other is not None and theirs is not None and theirs.median > 0:
+            parts[-1] += f", {_times(own.median / theirs.median)} {other.title}"
+    if (train := leader.times.train_s) is not None:
+        parts.append(f"{_clock(train)} of training")
+    return f"It takes {listed(parts)}." if parts else ""
+
+
+def _times(ratio: float) -> str:
+    if 0.95 <= ratio <= 1.05:
+        return "as long as"
+    return f"{ratio:.2g} × as long as" if ratio > 1 else f"{1 / ratio:.2g} × as fast as"
+
+
+def _clock(span: Span) -> str:
+    seconds = span.median
+    if seconds < 90:
+        return f"{duration(span)} s"
+    return f"{seconds / 60:.1f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _warnings(table: Table, methods: Sequence[Row]) -> Iterator[str]:
+    floors = listed([row.title for row in table.rows if row.floor]) if any(row.floor for row in table.rows) else ""
+    sunk = {row.title: sum(cell.sunk for cell in row.cells) for row in methods}
+    if told := [f"{title} in {counted(count, 'value')}" for title, count in sunk.items() if count]:
+        yield f"Not better than the floor ({floors}): {listed(told)}. What is below the floor is never best."
+    if elsewhere := [row.title for row in methods if not row.here]:
+        yield f"Not trained or drawn here, only scored: {listed(elsewhere)}."
+    gaps = [row.title for row in methods if any(not cell.complete for cell in row.cells)]
+    if gaps:
+        yield f"Without a value for some frames, so never best there: {listed(gaps)}."

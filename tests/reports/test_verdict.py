@@ -1,0 +1,103 @@
+"""The answer in words: who is best, for whom that holds, what is below the floor."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from handbench.reports import render_csv, render_markdown, table
+from handbench.reports.model import Table
+from handbench.reports.verdict import answer
+from handbench.results.reading import read_run, titled_apart
+
+sys.path.append(str(Path(__file__).parents[1] / "bench" / "fakes"))
+from runfakes import plain, write_run
+
+
+def _apart(gain: float, noise: float = 0.0) -> Callable[[str, str, int, int, int], float]:
+    """`good` is better than `fair` by a gain that differs from subject to subject."""
+
+    def value(method: str, metric: str, subject: int, seed: int, frame: int) -> float:
+        better = gain + noise * (-1) ** subject if method == "good" else 0.0
+        return plain(method, metric, subject, seed, frame) + (better if metric == "psnr" else -0.01 * better)
+
+    return value
+
+
+def _rows(result: Table) -> dict[str, tuple[int, bool]]:
+    return {row.name: (row.cells[0].rank, row.cells[0].claimed) for row in result.rows}
+
+
+def test_a_lead_is_claimed_where_the_test_allows_it_and_only_there(tmp_path: Path) -> None:
+    many = table(write_run(tmp_path / "many", _apart(0.5), subjects=6))
+    assert _rows(many) == {"oracle": (0, False), "good": (1, True), "fair": (2, False)}, "nothing is told from the last"
+    assert answer(many).sentences == (
+        "Good is best in all 2 columns by PSNR, by 0.50 dB over the next. By the other metrics it is best in 2 of "
+        "2 values.",
+        "Measured on 6 subjects and 48 frames a column, one seed: it tells of these weights. The lead holds for other "
+        "hands too in each of them (paired test over subjects, p ≤ 0.05 after correction).",
+        "It takes 4.20 ms for a new pose under a single light, as long as Fair and 10.0 s of training.",
+    )
+    few = table(write_run(tmp_path / "few", _apart(0.5), subjects=5))
+    assert _rows(few)["good"] == (1, False), "p of five subjects cannot fall below 0.0625"
+    assert "cannot be claimed for others" in answer(few).claim
+    assert "with 5 subjects p cannot fall below 0.062" in answer(few).claim
+    assert "°" in render_markdown(few) and "°" not in render_markdown(many).replace("°: ", "").partition("## ")[0]
+    assert few.unclaimed and ",1,False," in render_csv(few) and ",1,True," in render_csv(many)
+
+
+def test_nothing_below_the_floor_is_best(run_folder: Path, set_scores: Callable[..., None]) -> None:
+    set_scores(run_folder, "urhand", psnr=15.0)  # the mean predictor has about 23
+    set_scores(run_folder, "physical", psnr=14.0)
+    result = table(run_folder)
+    cells = {row.name: row.cells[0] for row in result.rows}
+    assert [cells[name].rank for name in ("mean", "phong", "physical", "urhand")] == [0, 0, 0, 0]
+    assert [cells[name].sunk for name in ("mean", "phong", "physical", "urhand")] == [False, False, True, True]
+    found = answer(result)
+    assert found.best == "No method can be called best by PSNR: none is above the floor on every frame."
+    assert any(
+        "floor (Mean): Physical_BRDF & fit in 3 values and URHand in 3 values" in text for text in found.warnings
+    )
+    assert "15.00▽" in render_markdown(result)
+
+
+def test_what_prints_like_the_floor_is_not_above_it(run_folder: Path, set_scores: Callable[..., None]) -> None:
+    set_scores(run_folder, "mean", psnr=20.0)
+    set_scores(run_folder, "urhand", psnr=20.004)
+    assert {row.name: row.cells[0].sunk for row in table(run_folder).rows}["urhand"]
+
+
+def test_several_seeds_widen_the_interval_and_are_told(tmp_path: Path) -> None:
+    def value(method: str, metric: str, subject: int, seed: int, frame: int) -> float:
+        return plain(method, metric, subject, seed, frame) + 0.5 * seed
+
+    one, three = (table(write_run(tmp_path / f"{n}", value, seeds=range(n))) for n in (1, 3))
+    width = [result.rows[1].cells[0].high - result.rows[1].cells[0].low for result in (one, three)]  # type: ignore[operator]
+    assert width[1] > width[0] + 0.5, "trainings are half a decibel apart"
+    assert (one.trainings, three.trainings) == ("these weights (one seed)", "3 seeds")
+    assert "3 seeds" in answer(three).claim and "these weights" not in answer(three).claim
+
+
+def test_methods_alone_and_alike_are_told(tmp_path: Path) -> None:
+    alone = table(write_run(tmp_path / "alone", methods=("oracle", "good")))
+    assert answer(alone).best == "Good was run alone: there is no method to compare it with."
+    alike = table(write_run(tmp_path / "alike"))
+    assert answer(alike).best == "Good and Fair are each best, alone or with others, in all 2 columns by PSNR."
+    assert "nothing to compare" in answer(table(write_run(tmp_path / "none", methods=("oracle",)))).best
+
+
+def test_titles_that_two_methods_have_are_told_apart(tmp_path: Path) -> None:
+    methods = read_run(write_run(tmp_path / "run")).plan.methods
+    twice = [replace(method, title="Phong") if method.name != "oracle" else method for method in methods]
+    assert [method.title for method in titled_apart(twice)] == ["Oracle", "Phong (good)", "Phong (fair)"]
+
+
+@pytest.mark.parametrize(("subjects", "counted"), [(1, "1 subject, 8 frames"), (6, "6 subjects, 48 frames")])
+def test_heads_count_subjects_and_frames(tmp_path: Path, subjects: int, counted: str) -> None:
+    result = table(write_run(tmp_path / "run", subjects=subjects))
+    assert [group.counted for group in result.groups] == [counted, counted]
+    assert f"{counted}." in render_markdown(result)
