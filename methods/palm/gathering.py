@@ -15,7 +15,7 @@ from handbench.scene import Environment, Group, Light, known_leaves
 
 from .directions import Sampling, gather
 from .light import MapSky, Sky
-from .reflectance import Form, Material, coloured, responses
+from .reflectance import Form, Material, coloured, responses, seen_through
 from .scattering import Scattering
 from .visibility import Occluder
 
@@ -81,7 +81,7 @@ class Gatherer:
             fallen = (torch.from_numpy(intensity) / distance2).float()[:, None]
             answers = responses(places.normal, places.view, places.material.roughness, single, self._how.form)
             lit = self._occluder.of_near(places.point, position)[:, None]
-            total += coloured(places.material, _times(answers, lit), fallen)
+            total += coloured(places.material, seen_through(answers, lit), fallen)
         return total
 
     def _sampled(self, sky: Sky) -> Tensor:
@@ -104,7 +104,7 @@ class Gatherer:
     def _answered(self, some: slice, towards: Tensor, power: Tensor, seen: Tensor) -> Tensor:
         normal, view, material = self._points(some)
         answers = responses(normal, view, material.roughness, towards, self._how.form)
-        return coloured(material, _times(answers, seen), power)
+        return coloured(material, seen_through(answers, seen), power)
 
     def _points(self, some: slice) -> tuple[Tensor, Tensor, Material]:
         return self.places.normal[some], self.places.view[some], self.places.material.of(some)
@@ -135,8 +135,3 @@ class Gatherer:
         seen = torch.zeros(len(flat))
         seen[above] = self._occluder(point[above], flat[above])
         return seen.reshape(-1, count)
-
-
-def _times(answers: tuple[Tensor, Tensor, Tensor], seen: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    first, second, third = (answer * seen for answer in answers)
-    return first, second, third

@@ -25,6 +25,9 @@ from handbench.render.shade.brdf import F1, F2, SMALL, clamp_roughness, distribu
 Form: TypeAlias = Literal["released", "squared"]
 """How wide a lobe a roughness means, see the module."""
 
+Responses: TypeAlias = tuple[Tensor, Tensor, Tensor]
+"""What points answer to directions, without colour, (P, D) each: see `responses`."""
+
 
 @dataclass(frozen=True, eq=False)
 class Material:
@@ -39,9 +42,7 @@ class Material:
         return Material(self.albedo[points], self.roughness[points], self.metallic[points])
 
 
-def responses(
-    normal: Tensor, view: Tensor, roughness: Tensor, light: Tensor, form: Form = "released"
-) -> tuple[Tensor, Tensor, Tensor]:
+def responses(normal: Tensor, view: Tensor, roughness: Tensor, light: Tensor, form: Form = "released") -> Responses:
     """What P points answer to D directions, without colour: the cosine, and the lobe's two parts, (P, D) each.
 
     normal and view (P, 3) unit, roughness (P), light (D, 3) for all points or (P, D, 3), unit, towards the light. The
@@ -61,7 +62,7 @@ def responses(
     return cosine, lobe * (1.0 - edge), lobe * edge
 
 
-def coloured(material: Material, answers: tuple[Tensor, Tensor, Tensor], power: Tensor) -> Tensor:
+def coloured(material: Material, answers: Responses, power: Tensor) -> Tensor:
     """Radiance (P, 3) that points send back: their `responses` to directions, from which comes `power`.
 
     power (D, 3), or (P, D, 3) if every point has its own directions or shadows: radiance times solid angle for
@@ -71,6 +72,12 @@ def coloured(material: Material, answers: tuple[Tensor, Tensor, Tensor], power: 
     diffuse, head_on, edge = (torch.einsum(pattern, answer, power) for answer in answers)
     metallic = material.metallic[:, None]
     return (1.0 - metallic) * material.albedo * diffuse / math.pi + mirror(material.albedo, metallic) * head_on + edge
+
+
+def seen_through(answers: Responses, seen: Tensor) -> Responses:
+    """The responses (P, D) to light of which points see so much, (P, D) in [0, 1]."""
+    diffuse, head_on, edge = answers
+    return diffuse * seen, head_on * seen, edge * seen
 
 
 def width(roughness: Tensor, form: Form) -> Tensor:

@@ -81,6 +81,26 @@ class MeshOccluder:
         return torch.from_numpy(~self._scene.occluded(place, position - place, far=1.0)).float()
 
 
+@dataclass(frozen=True, eq=False)
+class MovedOccluder:
+    """An occluder where something rigid was, asked from where it is: places go back by x -> turn x + offset."""
+
+    inner: Occluder
+    turn: Tensor
+    offset: Tensor
+
+    def __call__(self, points: Tensor, towards: Tensor) -> Tensor:
+        return self.inner(points @ self.turn.T + self.offset, towards @ self.turn.T)
+
+    def of_all(self, points: Tensor, normal: Tensor, towards: Tensor) -> Tensor:
+        back = (points @ self.turn.T + self.offset, normal @ self.turn.T, towards @ self.turn.T)
+        return self.inner.of_all(*back)
+
+    def of_near(self, points: Tensor, position: Array) -> Tensor:
+        place = self.turn.double() @ torch.from_numpy(position) + self.offset
+        return self.inner.of_near(points @ self.turn.T + self.offset, place.numpy())
+
+
 class DensityOccluder:
     """Soft shadows of a volume: the transmittance along a march of its density (N, 3) -> (N), per metre."""
 

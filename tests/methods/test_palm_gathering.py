@@ -15,7 +15,14 @@ from handbench.light.stage import stage_directions
 from handbench.methods.palm.gathering import Gatherer, Gathering
 from handbench.methods.palm.reflectance import Material, coloured, responses
 from handbench.methods.palm.scattering import Scattering
-from handbench.methods.palm.visibility import BODY_SCALE, HAND_SCALE, DensityOccluder, March, MeshOccluder
+from handbench.methods.palm.visibility import (
+    BODY_SCALE,
+    HAND_SCALE,
+    DensityOccluder,
+    March,
+    MeshOccluder,
+    MovedOccluder,
+)
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.scene import Array, Directional, Environment, Group, Mesh, Point, Topology, Unknown
 
@@ -83,6 +90,21 @@ def test_near_lights_are_hidden_by_what_is_before_them_only() -> None:
     assert occluder.of_near(place, np.array([0.0, 0.5, 0.0])).item() == 0.0
     assert occluder.of_near(place, np.array([0.0, 0.5 * HEIGHT, 0.0])).item() == 1.0
     assert occluder(place, torch.tensor([[0.0, 1.0, 0.0]])).item() == 0.0
+
+
+def test_a_moved_occluder_hides_what_it_would_hide_there() -> None:
+    places, towards = ground(), torch.from_numpy(stage_directions(100)).float()
+    turn = torch.linalg.qr(torch.from_numpy(np.random.default_rng(5).normal(size=(3, 3))).float())[0]
+    turn, offset = turn * turn.det(), torch.tensor([0.3, -0.1, 0.2])
+    inner = MeshOccluder(finger())
+    # what is now at turn^T (x - offset) was at x
+    moved = MovedOccluder(inner, turn, offset)
+    now = (places.point - offset) @ turn, places.normal @ turn, towards @ turn
+    assert (moved.of_all(*now) == inner.of_all(places.point, places.normal, towards)).float().mean() > 0.99
+    assert (moved(now[0], now[2][:1].expand(len(now[0]), 3)) == inner(places.point, towards[:1].expand(12, 3))).all()
+    light = np.array([0.0, 0.5, 0.0])
+    back = turn.T.double().numpy() @ (light - offset.double().numpy())
+    assert torch.equal(moved.of_near(now[0], back), inner.of_near(places.point, light))
 
 
 @pytest.mark.parametrize("values", [(0, 0.0, 0.3), (8, 0.3, 0.3), (8, -0.1, 0.3)])

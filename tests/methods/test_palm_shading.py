@@ -17,7 +17,8 @@ from handbench.methods.palm.directions import Sampling, gather, strata
 from handbench.methods.palm.light import ENERGY, GaussianSky, MapSky, Sky, StudioLight
 from handbench.methods.palm.reflectance import Form, Material, coloured, responses
 from handbench.methods.palm.scattering import Scattering
-from handbench.methods.palm.shading import single_scattered
+from handbench.methods.palm.shading import dealt, shared
+from handbench.methods.palm.visibility import Occluder
 from handbench.render.shade.brdf import specular
 from handbench.scene import Environment
 
@@ -222,24 +223,31 @@ def test_gradients_of_draws_are_those_of_the_sum() -> None:
     assert torch.allclose(found, exact, rtol=0.02, atol=0.03)
 
 
-def test_colour_of_rays_is_unbiased_with_shadows() -> None:
-    """A wall hides the half space x > 0: against every place under every direction."""
+class Wall(Occluder):
+    """Hides all that comes from x > 0."""
+
+    def __call__(self, points: Tensor, towards: Tensor) -> Tensor:
+        return (towards[:, 0] <= 0).float()
+
+    def of_all(self, points: Tensor, normal: Tensor, towards: Tensor) -> Tensor:
+        return self(points, towards).expand(len(points), -1)
+
+
+@pytest.mark.parametrize("way", ["dealt", "shared"])
+def test_colour_of_rays_is_unbiased_with_shadows(way: str) -> None:
+    """Against every place under every direction."""
     whole, light = places(4, 3), sky("gaussians")
     assert isinstance(light, GaussianSky)
     answers = responses(whole.normal, whole.view, whole.material.roughness, TOWARDS)
     power = light.radiance(TOWARDS) * (SOLID * (TOWARDS[:, 0] <= 0))[:, None]
     expected = whole.total(coloured(whole.material, answers, power))
-    found = torch.stack(
-        [
-            single_scattered(
-                whole.drawn(64, np.random.default_rng(seed)),
-                light.gaussians,
-                lambda _, towards: (towards[:, 0] <= 0).float(),
-                64,
-                np.random.default_rng([1, seed]),
-            )
-            for seed in range(80)
-        ]
-    )
-    error = found.std(dim=0) / math.sqrt(len(found))
-    assert ((found.mean(dim=0) - expected).abs() <= 4.5 * error + 0.015 * expected).all()
+    found = []
+    for seed in range(80):
+        first, second = np.random.default_rng(seed), np.random.default_rng([1, seed])
+        if way == "dealt":
+            found.append(dealt(whole.drawn(64, first), light.gaussians, Wall(), 64, second))
+        else:
+            found.append(shared(whole.drawn(2, first), light.gaussians, Wall(), 64, second))
+    drawn = torch.stack(found)
+    error = drawn.std(dim=0) / math.sqrt(len(drawn))
+    assert ((drawn.mean(dim=0) - expected).abs() <= 4.5 * error + 0.015 * expected).all()
