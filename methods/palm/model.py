@@ -1,0 +1,126 @@
+"""What PALM-Net's prior learns: three fields that all people share, a code for each, and the studio's light."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from handbench.hand import HandModel
+from handbench.hand.canonical import WeightField
+from handbench.render.volume import laplace_density
+
+from .config import Config
+from .encoding import Encoding, HashGrid, TriPlane
+from .fields import Geometry, GeometryField, MaterialField, RadianceField
+from .light import StudioLight
+from .reflectance import Material
+
+_LEAST_BETA = 1e-4
+
+
+class Codes(NamedTuple):
+    """One person: geometry φ and appearance ψ."""
+
+    geometry: Tensor
+    appearance: Tensor
+
+
+class Conditions(NamedTuple):
+    """What the fields are told of a posed hand beside the place: codes (C,) of geometry and of appearance."""
+
+    geometry: Tensor
+    appearance: Tensor
+
+
+class PalmModel(nn.Module):
+    """Fields, codes phi (people, φ) and psi (people, ψ), the softness of the surface, and the light of the studio.
+
+    `drawn` counts the steps of training, which schedules and checkpoints read.
+    """
+
+    drawn: Tensor
+
+    def __init__(self, config: Config, hand: HandModel, people: int) -> None:
+        super().__init__()
+        self.config, self.hand = config, hand
+        self.field = WeightField.of(hand, spacing=config.spacing)
+        sides = self.field.box[1] - self.field.box[0]
+        self.half = 0.5 * sides.max()  # metres that count as one
+        self.aspect = sides / sides.max()
+        aspect = self.aspect.tolist()
+        code = config.pose + config.shape
+        outputs = 1 + config.features
+        self.pose = nn.Linear(3 * len(hand.parents), config.pose)
+        self.shape = nn.Linear(hand.shape_size, config.shape) if config.shape else None
+        self.geometry_field = GeometryField(
+            _encoding(config, aspect), code + config.phi, config.geometry, config.features
+        )
+        encoding = _encoding(config, aspect)
+        self.radiance_field = RadianceField(encoding, outputs, code + config.psi, config.appearance)
+        self.material_field = MaterialField(
+            encoding.size, outputs, code + config.psi, config.material, config.lipschitz
+        )
+        self.phi = nn.Parameter(1e-8 * torch.randn(people, config.phi))
+        self.psi = nn.Parameter(1e-8 * torch.randn(people, config.psi))
+        self.softness = nn.Parameter(torch.tensor(float(torch.tensor(config.beta).log())))
+        self.light = StudioLight(config.gaussians)
+        self.register_buffer("drawn", torch.zeros((), dtype=torch.int64))
+
+    def around(self, shape: Tensor) -> WeightField:
+        """The field of skinning weights of a person's shape (S,): the shared one, or a field of their own."""
+        if self.config.canonical == "shared":
+            return self.field
+        return WeightField.of(self.hand, shape.detach().numpy(), self.config.spacing)
+
+    def codes(self, person: int) -> Codes:
+        """Those of one of the training's people, in the order in which they first appear."""
+        return Codes(self.phi[person], self.psi[person])
+
+    def conditions(self, codes: Codes, shape: Tensor, joints: Tensor) -> Conditions:
+        """What the fields see of a person's shape (S,) in a pose (J, 3): not where the hand is in the world."""
+        turns = joints.clone()
+        turns[0] = 0.0
+        seen = [self.pose(turns.flatten())]
+        if self.shape is not None:
+            neutral = torch.as_tensor(self.hand.neutral(), dtype=torch.float32)
+            seen.append(self.shape(shape - neutral))
+        return Conditions(torch.cat([*seen, codes.geometry]), torch.cat([*seen, codes.appearance]))
+
+    def geometry(self, x: Tensor, conditions: Conditions, gradient: bool = False) -> Geometry:
+        """f_g at canonical places (N, 3)."""
+        unit = self._unit(x)
+        if not gradient:
+            sdf, feature = self.geometry_field(unit, self.aspect, conditions.geometry)
+            return Geometry(self.half * sdf, feature, None)
+        found = self.geometry_field.with_gradient(unit, self.aspect, conditions.geometry)
+        return Geometry(self.half * found[0], found[1], found[2])
+
+    def radiance(self, x: Tensor, feature: Tensor, reflected: Tensor, normal: Tensor, conditions: Conditions) -> Tensor:
+        """f_rf at canonical places (N, 3), seen along directions whose mirror images at normals are `reflected`; both
+        (N, 3) in the world, where the studio's light is."""
+        return self.radiance_field(self._unit(x), feature, reflected, normal, conditions.appearance)
+
+    def material(self, x: Tensor, feature: Tensor, conditions: Conditions) -> Material:
+        """f_m at canonical places (N, 3)."""
+        return self.material_field(self.radiance_field.encoding(self._unit(x)), feature, conditions.appearance)
+
+    @property
+    def beta(self) -> Tensor:
+        """Metres: how soft the surface is."""
+        return self.softness.exp() + _LEAST_BETA
+
+    def density(self, sdf: Tensor) -> Tensor:
+        """1/m at signed distances in metres."""
+        return laplace_density(sdf, self.beta)
+
+    def _unit(self, x: Tensor) -> Tensor:
+        low, high = self.field.box
+        return 2.0 * (x - low) / (high - low) - 1.0
+
+
+def _encoding(config: Config, aspect: list[float]) -> Encoding:
+    if config.encoding == "hash":
+        return HashGrid(config.levels, config.level_features, config.table, config.base, config.finest, aspect)
+    return TriPlane(config.grids, config.plane, config.plane_features, aspect)
