@@ -3,13 +3,14 @@ BIN := .venv/bin
 # One thread a process: the tests run in two processes.
 TEST_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: help setup quick test lint format bench data clean
+.PHONY: help setup quick test lint format bench data docs clean
 
 help:
 	@echo "make quick   set up, generate the quick light stage, run the protocol, write the report"
 	@echo "make test    set up, run the tests"
 	@echo "make lint    ruff and mypy          make format  let ruff mend what it can"
 	@echo "make bench   measure speed          make data    generate the quick light stage only"
+	@echo "make docs    the documentation as a site, in build/site"
 	@echo "make clean   remove what was built; results in runs/ and generated data stay"
 
 setup:
@@ -36,6 +37,10 @@ bench: setup
 
 data: setup
 	$(BIN)/handbench data make openstage --size quick
+
+docs:
+	@bash maintainer/setup.sh docs
+	$(BIN)/python -m mkdocs build --strict
 
 clean:
 	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache

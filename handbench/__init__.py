@@ -1,8 +1,8 @@
 """handbench: a benchmark and evaluation harness for hand-relighting methods.
 
-The names here are what a plug-in needs: a method, a capture, and what goes in and out of them. Everything else may
-change from one version to the next. They are imported when they are first used, so that a command which needs none of
-them starts at once.
+The names here are `run`, `load` and `Results`, which are handbench in Python, and what a plug-in needs: a method, a
+capture, and what goes in and out of them. Everything else may change from one version to the next. They are imported
+when they are first used, so that a command which needs none of them starts at once.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .data.capture import Capture
     from .errors import InputError, NonFinite, Unsupported
+    from .interface import Results, load, run
     from .light.lightset import light_samples
     from .method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, RecordedAvatar
     from .recording import Recording
@@ -41,6 +42,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "data.capture": ("Capture",),
     "errors": ("InputError", "NonFinite", "Unsupported"),
+    "interface": ("Results", "load", "run"),
     "light.lightset": ("light_samples",),
     "method": ("Avatar", "Method", "MethodInfo", "PosedAvatar", "Prior", "Progress", "RecordedAvatar"),
     "recording": ("Recording",),

@@ -21,6 +21,7 @@ class Entry:
 
     `settings` are keyword arguments the target is always called with: several entries may share one factory.
     `presets` is False for a method whose presets are all the same, so that asking it for one can be refused.
+    `changes` are settings of a method's configuration that a run changes, as texts: see `handbench.settings`.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Entry:
     summary: str
     settings: tuple[tuple[str, str], ...] = ()
     presets: bool = True
+    changes: tuple[tuple[str, str], ...] = ()
 
     def load(self) -> Any:
         module, _, attribute = self.target.partition(":")
@@ -36,7 +38,8 @@ class Entry:
         except (Exception, SystemExit) as error:  # whatever foreign code raises
             text = " ".join(f"{type(error).__name__}: {error}".split())
             raise InputError(f"plug-in {self.name!r} at {self.target!r} cannot be loaded: {text}; mend it") from error
-        return partial(loaded, **dict(self.settings)) if self.settings else loaded
+        given = dict(self.settings) | ({"changes": dict(self.changes)} if self.changes else {})
+        return partial(loaded, **given) if given else loaded
 
 
 @dataclass(frozen=True)

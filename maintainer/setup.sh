@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Make .venv with everything handbench needs. Run by make; does nothing when nothing changed.
 #   setup.sh         to use handbench and work on it
-#   setup.sh test    what only tests need as well: a browser, Ray, outside references
+#   setup.sh test    what only tests need as well: a browser, LaTeX, Ray, outside references
+#   setup.sh docs    what the documentation is built with as well
 #   PYTHON           the interpreter to use, 3.11 or newer (default: python3)
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -12,13 +13,18 @@ stamp=.venv/handbench-setup
 say() { printf 'setup: %s\n' "$*" >&2; }
 
 # The system packages that are missing: libusb for open3d, LLVM for Mitsuba's fast variant, a browser for tests of
-# pages, venv for this script.
+# pages, LaTeX and a reader of its PDFs for tests of tables, venv for this script.
 missing_packages() {
     local libraries
     libraries=$(PATH="$PATH:/sbin:/usr/sbin" ldconfig -p 2>/dev/null || true)
     grep -q 'libusb-1\.0\.so' <<<"$libraries" || echo libusb-1.0-0
     grep -q 'libLLVM[.-]*\(so\.\)*19' <<<"$libraries" || echo libllvm19
-    [ "$wanted" != test ] || command -v chromium >/dev/null || echo chromium
+    if [ "$wanted" = test ]; then
+        command -v chromium >/dev/null || echo chromium
+        command -v pdflatex >/dev/null || echo texlive-latex-recommended
+        command -v lualatex >/dev/null || echo texlive-luatex
+        command -v pdftotext >/dev/null || echo poppler-utils
+    fi
     [ -x .venv/bin/python ] || "$python" -c 'import ensurepip, venv' 2>/dev/null || echo python3-venv
 }
 
@@ -71,7 +77,8 @@ pip=(.venv/bin/python -m pip install -qq --disable-pip-version-check --constrain
 "${pip[@]}" "$(grep '^torch==' constraints.txt)"
 "${pip[@]}" "$(grep '^setuptools==' constraints.txt)"
 extras=dev
-[ "$wanted" != test ] || extras=dev,test
+[ "$wanted" != test ] || extras=dev,test,docs
+[ "$wanted" != docs ] || extras=dev,docs
 "${pip[@]}" --no-build-isolation --editable ".[$extras]"
 for installed in ${extras//,/ }; do printf '%s\n' "$state" >"$stamp-$installed"; done
 say "done"

@@ -24,6 +24,7 @@ from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.surface import unit_rows
 from handbench.render.uv.unwrap import TexelSurface
 from handbench.scene import KNOWN_LIGHTS, Array, Light, Mesh, Prediction, Viewpoint, needed
+from handbench.settings import UNCHANGED, Changes, changed
 
 from .kit.picture import prediction
 from .kit.untaught import Untaught
@@ -190,8 +191,8 @@ PRESETS = {
 }
 
 
-def create(preset: str = "quick") -> Method:
-    """The method at a preset; `InputError` for an unknown one."""
+def create(preset: str = "quick", changes: Changes = UNCHANGED) -> Method:
+    """The method at a preset with changed settings; `InputError` for unknown ones."""
     if preset not in PRESETS:
         raise unknown_name("preset of transfer", preset, PRESETS)
-    return Transfer(PRESETS[preset])
+    return Transfer(changed(PRESETS[preset], changes, "transfer"))

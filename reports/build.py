@@ -26,11 +26,13 @@ from handbench.scene import FrameKind
 from .aggregate import Footnotes, column_cells, with_differences
 from .agreement import agreements
 from .model import Aggregate, Column, Group, Kind, Metric, Row, Span, Table, Times, listed
+from .selection import ALL, Selection
 
 
-def table(*run_folders: Path, baseline: str | None = None) -> Table:
-    """The results of one run, or of several of one protocol version and capture, as one table; see `build`."""
-    return build(*(read_run(folder) for folder in run_folders), baseline=baseline)
+def table(*run_folders: Path, baseline: str | None = None, selection: Selection = ALL) -> Table:
+    """The results of one run, or of several of one protocol version and capture, as one table, or some of it; see
+    `build`."""
+    return build(*(selection.of(read_run(folder)) for folder in run_folders), baseline=baseline)
 
 
 def build(*runs: Run, baseline: str | None = None) -> Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.console import Group as Lines
@@ -17,7 +17,9 @@ from handbench.results.statistics import CONFIDENCE, Difference, aggregate, corr
 from handbench.results.values import Values, values_of
 
 from .build import shown_metric
-from .model import UNEQUAL, UNEQUAL_NOTE, Group, Metric, letter, number
+from .model import UNEQUAL, UNEQUAL_NOTE, Group, Metric, bounds, chance, letter, number, signed
+from .safe import markdown
+from .selection import ALL, Selection
 from .terminal import difference_text
 
 
@@ -48,18 +50,20 @@ class Comparison:
     alone: tuple[str, ...]
 
 
-def compare(*folders: Path) -> Comparison:
-    """All methods that the first run shares with another, paired by frame and seed.
+def compare(*folders: Path, selection: Selection = ALL) -> Comparison:
+    """All measured methods that the first run shares with another, paired by frame and seed.
 
-    p-values are corrected over the methods of a column, metric and run (Holm). Raises `InputError` for a folder
+    `selection` leaves some of their methods, columns or metrics. p-values are corrected over the methods of a column,
+    metric and run (Holm). Raises `InputError` for a folder
     without a readable run, for runs that cannot be compared, and if no method is in two of them.
     """
-    runs = [read_run(folder) for folder in folders]
+    runs = [selection.of(read_run(folder)) for folder in folders]
     for other in runs[1:]:
         if why := mismatch(runs[0], other):
             raise InputError(f"these runs cannot be compared: {why}")
     names = [[method.name for method in run.plan.methods] for run in runs]
-    shared = [name for name in names[0] if any(name in others for others in names[1:])]
+    rivals = [method.name for method in runs[0].plan.methods if not method.calibration]
+    shared = [name for name in rivals if any(name in others for others in names[1:])]
     if not shared:
         raise InputError(f"no method is in {folders[0]} and in another of these runs; 'report' shows them in one table")
     # Each run by itself: what another folder computed must not stand in for what this one lacks.
@@ -115,7 +119,7 @@ def render_comparison(comparison: Comparison) -> RenderableType:
         _grid(group, metric, [line for line in comparison.lines if (line.group, line.metric) == (group, metric)])
         for group, metric in places
     ]
-    remarks = [Text(text, style="dim") for text in _remarks(comparison)]
+    remarks = [Text(sentence(comparison)), *(Text(text, style="dim") for text in _remarks(comparison))]
     return Lines(Text(comparison.title, style="bold"), *named, *grids, *remarks)
 
 
@@ -160,3 +164,65 @@ def _remarks(comparison: Comparison) -> Iterator[str]:
         yield UNEQUAL_NOTE
     if comparison.alone:
         yield f"Not in every run: {', '.join(comparison.alone)}."
+
+
+def render_markdown(comparison: Comparison) -> str:
+    """One Markdown table a column: a line for each method and metric, then what the numbers mean."""
+    return "\n".join(_markdown(comparison)) + "\n"
+
+
+def _markdown(comparison: Comparison) -> Iterator[str]:
+    yield f"# {markdown(comparison.title)}\n"
+    letters = [letter(i).upper() for i, _ in enumerate(comparison.runs, start=1)]
+    yield from (f"- {name}: {markdown(run)}" for name, run in zip(letters, comparison.runs, strict=True))
+    heads = ["method", "metric", "A", *(head for name in letters[1:] for head in (name, f"{name} − A"))]
+    for group in dict.fromkeys(line.group for line in comparison.lines):
+        yield f"\n## {markdown(group.title)}\n"
+        yield "| " + " | ".join(heads) + " |"
+        yield "| :-- | :-- |" + " --: |" * (len(heads) - 2)
+        for line in (line for line in comparison.lines if line.group == group):
+            yield "| " + " | ".join(_markdown_cells(line)) + " |"
+    yield ""
+    yield from (f"{markdown(remark)}\n" for remark in (sentence(comparison), *_remarks(comparison)))
+
+
+def _markdown_cells(line: Line) -> Iterator[str]:
+    decimals = line.metric.decimals
+    yield markdown(line.method)
+    yield f"{markdown(line.metric.title)} {line.metric.arrow}"
+    yield number(line.value, decimals)
+    for (value, apart), across in zip(line.others, line.across, strict=True):
+        yield number(value, decimals)
+        if apart is None:
+            yield "–"
+            continue
+        told = signed(apart.value, decimals) + UNEQUAL * across
+        told = f"**{told}**" if apart.separated else told
+        yield " ".join(filter(None, (told, bounds(apart, decimals), markdown(chance(apart)))))
+
+
+def sentence(comparison: Comparison) -> str:
+    """How often the other runs are better or worse than the first, where the interval of the difference tells."""
+    better = worse = level = 0
+    for line in comparison.lines:
+        for _, apart in line.others:
+            if apart is None or apart.value is None:
+                continue
+            ahead = (apart.value > 0) == line.metric.higher_is_better
+            better, worse, level = (
+                better + (apart.separated and ahead),
+                worse + (apart.separated and not ahead),
+                level + (not apart.separated),
+            )
+    return f"Of {better + worse + level} values, {better} are better than in A, {worse} worse, {level} not told apart."
+
+
+def as_json(comparison: Comparison) -> dict[str, object]:
+    """The comparison as JSON values."""
+    lines = []
+    for line in comparison.lines:
+        about = {"method": line.method, "column": line.group.name, "metric": line.metric.name, "value": line.value}
+        others = [{"value": value, "difference": apart and asdict(apart)} for value, apart in line.others]
+        lines.append({**about, "others": others})
+    told = {"title": comparison.title, "runs": list(comparison.runs), "alone": list(comparison.alone)}
+    return {**told, "sentence": sentence(comparison), "lines": lines}

@@ -7,9 +7,10 @@ The error map is the mean over R, G, B of the absolute difference of those displ
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import mean
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from handbench.scene import Array
 from .frames import KINDS, Answer, View, answers
 from .run import Run
 from .truth import truth_of
+
+Square: TypeAlias = tuple[int, int, int]
+"""A square of a picture: left, top and side in pixels."""
 
 SUBJECTS = 2
 ERROR_SCALE = 0.2  # the error that gets the brightest colour
@@ -37,22 +41,34 @@ class Tile:
 
 @dataclass(frozen=True)
 class Panel:
-    """One frame: the truth (H, W, 3) in sRGB and a tile for every method that is not itself the truth."""
+    """One frame: the truth (H, W, 3) in sRGB and a tile for every method that is not itself the truth.
+
+    `square` is a detail that was asked for: left, top and side in pixels of the truth that is shown.
+    """
 
     query: str
     kind: str
     exposure: float
     truth: Array
     tiles: tuple[Tile, ...]
+    square: Square | None = None
 
 
-def panels(run: Run) -> Iterator[Panel]:
-    """A typical frame of up to two subjects for each kind of light; frames without truth are left out."""
-    truth, given = truth_of(run), answers(run)
-    for kind, query in chosen(run):
+def panels(
+    run: Run, queries: Sequence[str] | None = None, square: Square | None = None, whole: Run | None = None
+) -> Iterator[Panel]:
+    """Frames of some queries, or a typical one of up to two subjects for each kind of light; those without truth are
+    left out.
+
+    square      the detail of each, in pixels of the recorded picture
+    whole       the run that has the truth, if `run` is a selection of it
+    """
+    truth, given = truth_of(whole or run), answers(run)
+    kinds = {frame.query: frame.kind for cell in run.cells for frame in cell.scores}
+    for kind, query in chosen(run) if queries is None else [(kinds[q], q) for q in queries if q in kinds]:
         recorded = truth(query)
         if recorded is not None:
-            yield _panel(run, given, kind, query, *recorded)
+            yield _panel(run, given, kind, query, *recorded, square)
 
 
 def chosen(run: Run) -> list[tuple[str, str]]:
@@ -62,12 +78,13 @@ def chosen(run: Run) -> list[tuple[str, str]]:
     """
     signature = run.plan.protocol.metrics[0].signature
     truths = {method.name for method in run.plan.methods if method.truth}
+    shown = {query for column in run.plan.protocol.columns for query in column.queries}
     scores: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for cell in run.cells:
         if cell.method.name in truths or signature not in cell.metrics:
             continue
         place = cell.metrics.index(signature)
-        for frame in cell.scores:
+        for frame in (frame for frame in cell.scores if frame.query in shown):
             if (value := frame.values[place]) is not None:
                 scores[frame.kind, cell.subject][frame.query].append(value)
     found = []
@@ -81,10 +98,13 @@ def chosen(run: Run) -> list[tuple[str, str]]:
 
 
 def detail(panel: Panel) -> tuple[slice, slice]:
-    """Rows and columns of the square in which the typical answer is most wrong: the median of the error over methods.
+    """Rows and columns of the square that was asked for, or of the one in which the typical answer is most wrong: the
+    median of the error over methods.
 
     The median lets no single bad method choose, and no one picks by hand. With no answer, the square is the middle.
     """
+    if panel.square is not None:
+        return _inside(panel.square, panel.truth.shape)
     side = max(2, round(DETAIL * min(panel.truth.shape[:2])))
     errors = [tile.error for tile in panel.tiles if tile.error is not None]
     height, width = panel.truth.shape[:2]
@@ -96,8 +116,22 @@ def detail(panel: Panel) -> tuple[slice, slice]:
     return slice(row, row + side), slice(column, column + side)
 
 
+def _inside(square: Square, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """A square's rows and columns, moved into the picture if it sticks out."""
+    left, top, side = square
+    side = min(side, *shape[:2])
+    row, column = (int(np.clip(at, 0, size - side)) for at, size in ((top, shape[0]), (left, shape[1])))
+    return slice(row, row + side), slice(column, column + side)
+
+
 def _panel(
-    run: Run, given: Mapping[str, Mapping[str, Answer]], kind: str, query: str, image: Array, alpha: Array
+    run: Run,
+    given: Mapping[str, Mapping[str, Answer]],
+    kind: str,
+    query: str,
+    image: Array,
+    alpha: Array,
+    square: Square | None,
 ) -> Panel:
     view = View.of(image, alpha)
     shown = view(image)
@@ -106,7 +140,8 @@ def _panel(
         for method in run.plan.methods
         if not method.truth
     ]
-    return Panel(query, kind, view.exposure, shown, tuple(tiles))
+    moved = None if square is None else (square[0] - view.left, square[1] - view.top, square[2])
+    return Panel(query, kind, view.exposure, shown, tuple(tiles), moved)
 
 
 def _tile(title: str, answer: Answer | None, run: Run, query: str, view: View, truth: Array) -> Tile:

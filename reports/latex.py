@@ -1,92 +1,221 @@
-"""The table as LaTeX for the booktabs package; it compiles with a plain article class."""
+"""The table as LaTeX for the booktabs package: one row a method, in a float for one column or for both."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import groupby
+from typing import TypeAlias
 
-from .model import UNEQUAL, UNEQUAL_NOTE, Aggregate, Column, Row, Table, bounds, chance, letter, marks, number, signed
+from handbench.results.statistics import Difference
+
+from .model import (
+    COST_TITLES,
+    UNEQUAL,
+    UNEQUAL_NOTE,
+    Aggregate,
+    Column,
+    Row,
+    Table,
+    bounds,
+    cost_texts,
+    costs_title,
+    letter,
+    marks,
+    number,
+    signed,
+)
 from .safe import latex, latex_header, one_line
+from .style import PLAIN, Style
+from .texletters import GUARD
 
-WIDTH = 9  # value columns that fit the text width of a plain article at \footnotesize
-WIDTH_APART = 5  # columns of differences with their intervals that do
+_Text: TypeAlias = Callable[[Aggregate, Column], str]
+_STARRED = r"* $p<0.05$, ** $p<0.01$, *** $p<0.001$, corrected over the methods of a column (Holm)."
+_STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
+_POINT = 72.27  # in an inch
+_GAP = 6.0  # points between columns: twice \tabcolsep
+_TINY = 0.72  # of the width of \footnotesize
+_SMALL = re.compile(r"\{\\tiny (.*?)\}|\\textsuperscript\{(.*?)\}")
 
 
-def render_latex(table: Table) -> str:
-    """A `table` float for the booktabs package, folded at columns to the width of a plain article.
+@dataclass(frozen=True)
+class _Block:
+    """What stands in the cells of a float: a text, and one below it in small print, or None for a single line."""
+
+    rows: tuple[Row, ...]
+    text: _Text
+    below: _Text | None = None
+
+
+def render_latex(table: Table, style: Style = PLAIN) -> str:
+    """A float for the booktabs package, folded at columns to the width that `style` tells.
 
     Best values are bold, second best underlined; calibration and published rows each come after a rule. With a
-    baseline a second float holds the differences to it, each over its interval and its p-value.
+    baseline a second float holds the measured methods' differences to it, with stars for corrected p-values. It
+    compiles with pdfLaTeX and LuaLaTeX, whatever names hold: a letter that a font lacks stands as its code.
     """
+    table = style.rounded(table)
+    title = latex(style.caption) if style.caption else latex(table.title)
+    values = _Block(table.rows, _cell(style), _interval if style.intervals else None)
+    tabulars = [*_tabulars(table, values, style), *(_costs(table, style) if style.times else ())]
+    floats = [_float(style, _caption(table, title, style), style.label, tabulars, _notes(table))]
+    if table.baseline:
+        measured = tuple(row for row in table.compared if row.kind == "method")
+        caption = f"{title}: differences to {latex(table.baseline)}, paired by frame and seed. {_STARRED}"
+        apart = _Block(measured, _difference, _apart if style.intervals else None)
+        label = f"{style.label}-differences" if style.label else ""
+        notes = [latex(limit) for limit in table.limits]
+        floats.append(_float(style, caption, label, list(_tabulars(table, apart, style)), notes))
+    text = "\n\n".join("\n".join(lines) for lines in floats)
+    head = [r"% needs \usepackage{booktabs}", *(f"% {one_line(m.title)}: {m.signature}" for m in table.metrics)]
+    guard = [GUARD] if r"\hbletter" in text else []
+    return "\n".join([*head, *guard, text]) + "\n"
+
+
+def _caption(table: Table, title: str, style: Style) -> str:
+    published = any(row.kind == "published" for row in table.rows)
+    calibration = any(row.kind == "calibration" for row in table.rows)
+    below = " and ".join(
+        word for word, there in (("calibration", calibration), ("published values", published)) if there
+    )
+    parts = [f"{title}. Best in bold, second best underlined, with all that cannot be told from them"]
+    parts += [f"below the rule, {below}"] if below else []
+    parts += [r"small figures are 95\,\% intervals"] if style.intervals else []
+    parts += [r"after $\pm$ the standard deviation over seeds"] if style.seeds else []
+    return "; ".join(parts) + "."
+
+
+def _notes(table: Table) -> list[str]:
     notes = [f"\\textsuperscript{{{letter(i)}}}\\,{latex(note)}." for i, note in enumerate(table.footnotes, start=1)]
     notes += [latex(remark) for remark in table.remarks]
-    if table.unequal:
-        notes.append(f"{latex(UNEQUAL_NOTE)}.")
-    published = any(row.kind == "published" for row in table.rows)
-    below = "calibration and published values" if published else "calibration"
-    title = latex(table.title)
-    marked = "Best in bold, second best underlined, with all that cannot be told from them"
-    lines = [
-        r"% needs \usepackage{booktabs}",
-        *(f"% {one_line(metric.title)}: {metric.signature}" for metric in table.metrics),
-        *_float(f"{title}. {marked}; below the rule, {below}.", _tabulars(table, table.rows, WIDTH, _cell), notes),
-    ]
-    if table.baseline:
-        caption = f"{title}. Paired differences to {latex(table.baseline)}, 95\\% interval, corrected p-value."
-        blocks = _tabulars(table, table.compared, WIDTH_APART, _difference)
-        lines += ["", *_float(caption, blocks, [latex(limit) for limit in table.limits])]
-    return "\n".join(lines) + "\n"
+    return notes + ([f"{latex(UNEQUAL_NOTE)}."] if table.unequal else [])
 
 
-def _float(caption: str, blocks: Iterable[str], notes: Sequence[str]) -> Iterator[str]:
-    yield r"\begin{table}[htbp]"
+def _float(style: Style, caption: str, label: str, tabulars: Sequence[str], notes: Sequence[str]) -> Iterator[str]:
+    name = "table*" if style.wide else "table"
+    yield f"\\begin{{{name}}}[tbp]"
     yield r"  \centering\footnotesize\setlength{\tabcolsep}{3pt}"
     yield f"  \\caption{{{caption}}}"
-    yield "\n\n  \\medskip\n".join(blocks)
+    if label:
+        yield f"  \\label{{{label}}}"
+    yield "\n\n  \\medskip\n".join(tabulars)
     if notes:
-        yield f"\n  \\par\\smallskip {' '.join(notes)}"
-    yield r"\end{table}"
+        yield f"\n  \\par\\smallskip\\parbox{{\\linewidth}}{{\\raggedright {' '.join(notes)}}}"
+    yield f"\\end{{{name}}}"
 
 
-def _tabulars(table: Table, rows: Sequence[Row], width: int, text: Callable[[Aggregate, Column], str]) -> Iterator[str]:
+def _tabulars(table: Table, block: _Block, style: Style) -> Iterator[str]:
     """One tabular for each batch of columns that fit the width."""
-    for indices in _folded(table, width):
+    for indices in _folded(table, block, style.inches * _POINT):
         spans = [(group, len(list(members))) for group, members in groupby(table.columns[i].group for i in indices)]
         heads = [f"\\multicolumn{{{size}}}{{c}}{{{latex(group.title)}}}" for group, size in spans]
         rules, start = [], 2
         for _, size in spans:
             rules.append(f"\\cmidrule(lr){{{start}-{start + size - 1}}}")
             start += size
-        kinds = [[row for row in rows if row.kind == kind] for kind in ("method", "calibration", "published")]
-        blocks = ["\n".join(_row(row, table, indices, text) for row in of_kind) for of_kind in kinds if of_kind]
-        lines = [
-            f"  \\begin{{tabular}}{{l{'r' * len(indices)}}}",
-            r"    \toprule",
-            f"    & {' & '.join(heads)} \\\\",
-            f"    {' '.join(rules)}",
-            f"    Method & {' & '.join(_head(table.columns[index]) for index in indices)} \\\\",
-            r"    \midrule",
-            "\n    \\midrule\n".join(blocks),
-            r"    \bottomrule",
-            r"  \end{tabular}",
+        top = [f"    & {' & '.join(heads)} \\\\", f"    {' '.join(rules)}"]
+        top.append(f"    Method & {' & '.join(_head(table.columns[index]) for index in indices)} \\\\")
+        yield _tabular(len(indices), top, _lines(table, block, indices))
+
+
+def _tabular(width: int, top: Sequence[str], blocks: Iterable[str]) -> str:
+    lines = [f"  \\begin{{tabular}}{{l{'r' * width}}}", r"    \toprule", *top, r"    \midrule"]
+    return "\n".join([*lines, "\n    \\midrule\n".join(blocks), r"    \bottomrule", r"  \end{tabular}"])
+
+
+def _lines(table: Table, block: _Block, indices: Sequence[int]) -> Iterator[str]:
+    """The rows of each kind."""
+    for kind in ("method", "calibration", "published"):
+        lines = []
+        for row in (row for row in block.rows if row.kind == kind):
+            lines.append(_line(_name(row), [block.text(row.cells[i], table.columns[i]) for i in indices]))
+            small = [block.below(row.cells[i], table.columns[i]) for i in indices] if block.below else []
+            if any(small):
+                lines += [
+                    _line("", [f"{{\\tiny {text}}}" if text else "" for text in small]),
+                    r"    \addlinespace[1pt]",
+                ]
+        if lines:
+            yield "\n".join(lines)
+
+
+def _line(name: str, cells: Sequence[str]) -> str:
+    return f"    {' & '.join([name, *cells])} \\\\"
+
+
+def _costs(table: Table, style: Style) -> Iterator[str]:
+    """What methods cost, in one tabular or several that fit the width."""
+    texts = [list(map(latex, cost_texts(row, table.timed_kind))) for row in table.computed]
+    name = max((_points(_name(row)) for row in table.computed), default=0.0) + _GAP
+    heads = [_stacked(title) for title in COST_TITLES]
+    widths = [
+        max(map(_points, (*title.split(), *(row[i] for row in texts)))) + _GAP for i, title in enumerate(COST_TITLES)
+    ]
+    start = 0
+    while start < len(heads):
+        stop = start + 1
+        while stop < len(heads) and name + sum(widths[start : stop + 1]) <= style.inches * _POINT:
+            stop += 1
+        top = [
+            f"    & \\multicolumn{{{stop - start}}}{{c}}{{{latex(costs_title(table))}}} \\\\",
+            f"    \\cmidrule(lr){{2-{stop - start + 1}}}",
+            _line("Method", heads[start:stop]),
         ]
-        yield "\n".join(lines)
+        rows = [_line(_name(row), each[start:stop]) for row, each in zip(table.computed, texts, strict=True)]
+        yield _tabular(stop - start, top, ["\n".join(rows)])
+        start = stop
 
 
-def _folded(table: Table, width: int) -> Iterator[list[int]]:
+def _stacked(title: str) -> str:
+    """A head of several short lines."""
+    lines = r"\\".join(map(latex, title.split()))
+    return f"\\shortstack[r]{{{lines}}}"
+
+
+def _folded(table: Table, block: _Block, points: float) -> Iterator[list[int]]:
     """Consecutive columns that fit the width together; a group is cut only if it alone is wider."""
+    name = max((_points(_name(row)) for row in block.rows), default=0.0) + _GAP
+    widths = [_column_points(block, index, column) for index, column in enumerate(table.columns)]
+
+    def fits(indices: Sequence[int]) -> bool:
+        groups = dict.fromkeys(table.columns[index].group for index in indices)
+        members = {group: [widths[i] for i in indices if table.columns[i].group == group] for group in groups}
+        needed = (max(_points(latex(group.title)) + _GAP, sum(each)) for group, each in members.items())
+        return name + sum(needed) <= points
+
     batch: list[int] = []
     for group in table.groups:
         members = list(table.of_group(group))
-        if batch and len(batch) + len(members) > width:
+        if batch and not fits([*batch, *members]):
             yield batch
             batch = []
-        batch += members
-        while len(batch) > width:
-            yield batch[:width]
-            batch = batch[width:]
+        for index in members:
+            if batch and not fits([*batch, index]):
+                yield batch
+                batch = []
+            batch.append(index)
     if batch:
         yield batch
+
+
+def _column_points(block: _Block, index: int, column: Column) -> float:
+    head = max(map(_points, latex(f"{column.metric.title} {column.metric.arrow}").split(" (")))
+    cells = [_points(block.text(row.cells[index], column)) for row in block.rows]
+    small = [_TINY * _points(block.below(row.cells[index], column)) for row in block.rows] if block.below else []
+    return max([head, *cells, *small]) + _GAP
+
+
+def _points(text: str) -> float:
+    """About how wide a text of LaTeX is at \\footnotesize: its commands have no width of their own."""
+    small = "".join(found for groups in _SMALL.findall(text) for found in groups)
+    return _bare(_SMALL.sub("", text)) + _TINY * _bare(small)
+
+
+def _bare(text: str) -> float:
+    shown = re.sub(r"\\hbletter\{(.*?)\}\{.*?\}", r"U+\1", text)
+    shown = re.sub(r"\\[A-Za-z]+|[{}$\\]", "", shown)
+    return sum(2.6 if sign in " .,;:'|!()[]ijlt" else 6.2 if sign.isupper() else 4.4 for sign in shown)
 
 
 def _head(column: Column) -> str:
@@ -96,28 +225,43 @@ def _head(column: Column) -> str:
     return f"\\shortstack[r]{{{head}\\\\({rest}}}" if bracket else head
 
 
-def _row(row: Row, table: Table, indices: list[int], text: Callable[[Aggregate, Column], str]) -> str:
+def _name(row: Row) -> str:
     title = latex(row.title + (row.suffix if row.kind == "published" else ""))
-    if row.enrolment:
-        title += f"\\,{{\\tiny {latex(row.enrolment)}}}"
-    cells = [text(row.cells[index], table.columns[index]) for index in indices]
-    return f"    {title} & {' & '.join(cells)} \\\\"
+    return f"{title}\\,{{\\tiny {latex(row.enrolment)}}}" if row.enrolment else title
 
 
-def _cell(cell: Aggregate, column: Column) -> str:
-    value = latex(number(cell.value, column.metric.decimals))
-    value = {0: value, 1: f"\\textbf{{{value}}}", 2: f"\\underline{{{value}}}"}[cell.rank] + latex(
-        UNEQUAL
-    ) * cell.unequal
-    gap = "" if cell.complete else f"\\,{{\\tiny {cell.covered}/{cell.expected}}}"
-    return value + gap + (f"\\textsuperscript{{{marks(cell)}}}" if cell.notes else "")
+def _cell(style: Style) -> _Text:
+    def text(cell: Aggregate, column: Column) -> str:
+        value = latex(number(cell.value, column.metric.decimals))
+        value = {0: value, 1: f"\\textbf{{{value}}}", 2: f"\\underline{{{value}}}"}[cell.rank]
+        value += latex(UNEQUAL) * cell.unequal
+        if style.seeds and cell.spread is not None:
+            value += f"\\,{{\\tiny $\\pm$ {latex(number(cell.spread, column.metric.decimals))}}}"
+        gap = "" if cell.complete else f"\\,{{\\tiny {cell.covered}/{cell.expected}}}"
+        return value + gap + (f"\\textsuperscript{{{marks(cell)}}}" if cell.notes else "")
+
+    return text
+
+
+def _interval(cell: Aggregate, column: Column) -> str:
+    if cell.low is None or cell.high is None:
+        return ""
+    return latex(f"{number(cell.low, column.metric.decimals)}–{number(cell.high, column.metric.decimals)}")
 
 
 def _difference(cell: Aggregate, column: Column) -> str:
-    """The difference, its interval and its p-value, one over the other."""
-    apart, decimals = cell.difference, column.metric.decimals
+    """The difference with the stars of its corrected p-value."""
+    apart = cell.difference
     if apart is None:
         return "--"
-    below = [f"\\tiny {latex(text)}" for text in (bounds(apart, decimals), chance(apart)) if text]
-    lines = r"\\".join([latex(signed(apart.value, decimals)) + latex(UNEQUAL) * cell.across, *below])
-    return f"\\shortstack[r]{{{lines}}}"
+    return latex(signed(apart.value, column.metric.decimals)) + stars(apart) + latex(UNEQUAL) * cell.across
+
+
+def stars(apart: Difference) -> str:
+    """The stars of a difference, set so that they take no width and values stay below each other."""
+    found = next((each for p, each in _STARS if apart.adjusted is not None and apart.adjusted < p), "")
+    return f"\\rlap{{\\textsuperscript{{{found}}}}}" if found else ""
+
+
+def _apart(cell: Aggregate, column: Column) -> str:
+    return "" if cell.difference is None else latex(bounds(cell.difference, column.metric.decimals))

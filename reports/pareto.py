@@ -9,7 +9,7 @@ enrolment gave methods of the plot different things.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -35,7 +35,8 @@ Kind = Literal["front", "beaten", "gap", "calibration"]
 class Point:
     """A row of the table with a time. kind "gap": its score misses frames, so it cannot be on the front.
 
-    `unequal`: it is on the front among methods to which enrolment gave something else.
+    `low`, `high`: the 95 % interval of the score. `unequal`: it is on the front among methods to which enrolment gave
+    something else.
     """
 
     title: str
@@ -44,6 +45,8 @@ class Point:
     kind: Kind
     enrolment: str = ""
     unequal: bool = False
+    low: float | None = None
+    high: float | None = None
 
     @property
     def label(self) -> str:
@@ -82,12 +85,14 @@ class Plot:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A plot in its box: ticks with their texts, points with their labels, and the corners of the front."""
+    """A plot in its box: ticks with their texts, points with their labels, the corners of the front, and the ends of
+    the points' intervals."""
 
     x_ticks: tuple[tuple[float, str], ...]
     y_ticks: tuple[tuple[float, str], ...]
     marks: tuple[tuple[Point, float, float, Label], ...]
     front: tuple[tuple[float, float], ...]
+    bars: Mapping[Point, tuple[float, float]]
 
 
 def plots(table: Table) -> tuple[Plot, ...]:
@@ -133,7 +138,12 @@ def draw(plot: Plot) -> Drawing:
     marks = tuple((point, *spot, label) for point, spot, label in zip(plot.points, spots, labels, strict=True))
     x_ticks = tuple((x(value), clock(value)) for value in _times(10**first, 10**last))
     y_ticks = tuple((y(value), text) for value, text in _ticks(low, high))
-    return Drawing(x_ticks, y_ticks, marks, corners)
+    bars = {
+        point: (y(max(point.low, low)), y(min(point.high, high)))
+        for point in plot.points
+        if point.low is not None and point.high is not None
+    }
+    return Drawing(x_ticks, y_ticks, marks, corners, bars)
 
 
 def told(plot: Plot) -> str:
@@ -175,7 +185,7 @@ def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
             left_out.append(f"{row.title}: no time")
         else:
             kind: Kind = "calibration" if row.kind == "calibration" else "beaten" if cell.complete else "gap"
-            points.append(Point(row.title, cost, cell.value, kind, row.enrolment))
+            points.append(Point(row.title, cost, cell.value, kind, row.enrolment, low=cell.low, high=cell.high))
     points, far = _in_sight(points)
     for point in far:
         place = f"{number(point.score, metric.decimals)} {metric.unit}".strip()
@@ -207,8 +217,9 @@ def _in_sight(points: Sequence[Point]) -> tuple[list[Point], list[Point]]:
 
 
 def _span(plot: Plot) -> tuple[float, float]:
-    """The scores at the two ends of the axis."""
-    scores = [point.score for point in plot.points]
+    """The scores at the two ends of the axis, which holds the intervals of methods."""
+    ends = [end for point in plot.points if point.kind != "calibration" for end in (point.low, point.high)]
+    scores = [*(point.score for point in plot.points), *(end for end in ends if end is not None)]
     margin = 0.1 * (max(scores) - min(scores)) or 2 * 10.0**-plot.metric.decimals
     return min(scores) - margin, max(scores) + margin
 

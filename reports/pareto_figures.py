@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from .model import UNEQUAL_NOTE
 from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments
-from .pictures import STYLE, saved
+from .pictures import DPI, STYLE, saved
 
 _SCALE = 105.0  # units of a drawing in an inch
 _COLUMNS = 4
@@ -29,21 +29,25 @@ _MARKS: dict[str, Any] = {
 }
 
 
-def pareto_figures(found: Sequence[Plot]) -> Iterator[tuple[str, dict[str, bytes]]]:
-    """(name, {"png": …, "pdf": …}), e.g. "pareto-psnr-known"."""
+def pareto_figures(
+    found: Sequence[Plot], inches: float | None = None, dpi: int | None = None
+) -> Iterator[tuple[str, dict[str, bytes]]]:
+    """(name, {"png": …, "pdf": …}), e.g. "pareto-psnr-known"; as many panels beside each other as `inches` hold."""
     of_metric = [plot for plot in found if plot.metric == found[0].metric]
     for time, group in groupby(of_metric, key=lambda plot: plot.time):
-        yield f"pareto-{found[0].metric.name}-{time}", _figure(tuple(group))
+        yield f"pareto-{found[0].metric.name}-{time}", _figure(tuple(group), inches, dpi or DPI)
 
 
-def _figure(found: Sequence[Plot]) -> dict[str, bytes]:
-    columns = min(_COLUMNS, len(found))
+def _figure(found: Sequence[Plot], inches: float | None, dpi: int) -> dict[str, bytes]:
+    beside = _COLUMNS if inches is None else max(1, round(inches * _SCALE / WIDTH))
+    columns = min(beside, len(found))
     rows = -(-len(found) // columns)
     width, note = columns * WIDTH, _note(found)
     lines = wrap(note, int(width / _LETTER))
     height = rows * (HEIGHT + _TITLE) + (len(lines) + 1) * _LINE_HEIGHT * bool(lines)
     with rc_context(STYLE):
-        figure = Figure(figsize=(width / _SCALE, height / _SCALE))
+        scale = _SCALE if inches is None else width / inches  # the panels fill the width that is asked for
+        figure = Figure(figsize=(width / scale, height / scale))
         for index, plot in enumerate(found):
             row, column = divmod(index, columns)
             panel = (HEIGHT + _TITLE) / height
@@ -51,7 +55,7 @@ def _figure(found: Sequence[Plot]) -> dict[str, bytes]:
         for line, text in enumerate(reversed(lines)):
             place = (FRAME.left / width, (line * _LINE_HEIGHT + 4) / height)
             figure.text(*place, text, color=_SOFT, parse_math=False)
-        return saved(figure)
+        return saved(figure, dpi)
 
 
 def _note(found: Sequence[Plot]) -> str:
@@ -76,6 +80,9 @@ def _panel(axes: Axes, plot: Plot) -> None:
         axes.text(FRAME.left - 5, y + 3, text, ha="right", color=_SOFT)
     if drawing.front:
         axes.plot(*zip(*drawing.front, strict=True), color=_FRONT, lw=1.3, zorder=2)
+    for point, x, _, _ in drawing.marks:
+        if (bar := drawing.bars.get(point)) is not None:
+            axes.plot([x, x], bar, color=_SOFT, lw=0.8, zorder=2)
     for point, x, y, label in drawing.marks:
         if label.leader:
             axes.plot([x, label.leader[0]], [y, label.leader[1]], color=_SOFT, lw=0.5, zorder=2)

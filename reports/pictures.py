@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from handbench.scene import Array
 
 from .figures import ERROR_SCALE, Panel, Tile, detail
 from .frames import KINDS
-from .model import Metric, number
+from .model import Metric, letter, number
 
 COLOURS = colormaps["inferno"]
 EMBEDDED = 256  # pixels, the greatest side of an embedded picture
@@ -29,6 +30,7 @@ DPI = 160
 STYLE: Any = {"font.size": 7.5, "font.family": "DejaVu Sans", "pdf.fonttype": 42}
 MARKED = "#39d0ff"  # the frame of a detail: no colour of a hand or of the error map
 _TILE, _GAP, _LINE, _FOOT = 1.3, 0.05, 0.17, 0.55  # inches: a tile, between tiles, a line of text, the colour bar
+_LEAST, _MOST = 0.62, 8  # inches of the smallest tile, and tiles in a line of a grid of no given width
 
 
 def webp(image: Array, side: int = EMBEDDED) -> str:
@@ -74,7 +76,7 @@ def colour_stops() -> str:
     return ", ".join(f"rgb({r:.0f} {g:.0f} {b:.0f})" for r, g, b in COLOURS(np.linspace(0, 1, 9))[:, :3] * 255)
 
 
-def saved(figure: Figure) -> dict[str, bytes]:
+def saved(figure: Figure, dpi: int = DPI) -> dict[str, bytes]:
     """A figure by kind of file, "png" and "pdf": no dates, so the same figure gives the same bytes.
 
     In the PDF pictures keep their own pixels, and text is text.
@@ -86,26 +88,81 @@ def saved(figure: Figure) -> dict[str, bytes]:
         for picture in (image for axes in figure.axes for image in axes.images):
             picture.set_interpolation("none" if kind == "pdf" else "antialiased")
         with rc_context(STYLE):
-            figure.savefig(out, format=kind, dpi=DPI, metadata=undated)
+            figure.savefig(out, format=kind, dpi=dpi, metadata=undated)
         found[kind] = out.getvalue()
     return found
 
 
-def grid(panels: Sequence[Panel], metric: Metric) -> dict[str, bytes]:
-    """The panels of one kind of light: for each frame a line of images, one of a detail and one of error maps."""
-    columns = 1 + len(panels[0].tiles)
-    width = columns * (_TILE + _GAP) + _GAP
-    height = 2 * _LINE + sum(_height(panel) for panel in panels) + _FOOT
-    with rc_context(STYLE):
+@dataclass(frozen=True)
+class Sheet:
+    """How large a grid of pictures is.
+
+    width       inches; None: as wide as its tiles ask for
+    dpi         of the PNG; None: as reports have it
+    detail      whether each picture has its detail below it
+    """
+
+    width: float | None = None
+    dpi: int | None = None
+    detail: bool = True
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """The measures of a grid in inches: a tile's width, tiles in a line, the size of letters in points."""
+
+    tile: float
+    line: int
+    size: float
+    detail: bool
+
+    @staticmethod
+    def of(count: int, sheet: Sheet) -> _Grid:
+        """The grid of `count` pictures beside each other; those that would be smaller than a thumb go below."""
+        if sheet.width is None:
+            line = min(count, _MOST)
+            return _Grid(_TILE, line, STYLE["font.size"], sheet.detail)
+        line = max(1, min(count, int((sheet.width - _GAP) / (_LEAST + _GAP))))
+        tile = min(2 * _TILE, (sheet.width - _GAP) / line - _GAP)
+        return _Grid(tile, line, float(np.clip(STYLE["font.size"] * tile / _TILE, 5.0, 9.0)), sheet.detail)
+
+    @property
+    def width(self) -> float:
+        return self.line * (self.tile + _GAP) + _GAP
+
+    def strips(self, panel: Panel) -> list[list[Tile]]:
+        """The truth and the tiles of a panel, line by line."""
+        tiles = [Tile("Truth", None, panel.truth, None), *panel.tiles]
+        return [tiles[start : start + self.line] for start in range(0, len(tiles), self.line)]
+
+    def height(self, panel: Panel) -> float:
+        """Of one line of a panel: titles, pictures, details, error maps, scores."""
+        tall, wide = panel.truth.shape[:2]
+        return self.tile * (2 * tall / wide + self.detail) + 2 * _GAP + 2.4 * _LINE
+
+
+def grid(panels: Sequence[Panel], metric: Metric, sheet: Sheet = Sheet()) -> dict[str, bytes]:
+    """Frames, each with its letter: a line of images, one of a detail, and one of error maps with their scores.
+
+    More methods than fit the width go on below.
+    """
+    layout = _Grid.of(1 + max(len(panel.tiles) for panel in panels), sheet)
+    kinds = dict.fromkeys(KINDS[panel.kind] for panel in panels)
+    width = layout.width
+    height = 2 * _LINE + sum(len(layout.strips(panel)) * layout.height(panel) for panel in panels) + _FOOT
+    with rc_context({**STYLE, "font.size": layout.size}):
         figure = Figure(figsize=(width, height))
         axes = figure.add_axes((0, 0, 1, 1))
         axes.set_axis_off()
         axes.set(xlim=(0, width), ylim=(height, 0))
-        _write(axes, width / 2, _LINE, KINDS[panels[0].kind], size=9)
+        _write(axes, width / 2, _LINE, "; ".join(kinds), size=min(9.0, 1.2 * layout.size))
         top = 2 * _LINE
-        for panel in panels:
-            _panel(axes, panel, metric, top)
-            top += _height(panel)
+        for index, panel in enumerate(panels, start=1):
+            for tiles in layout.strips(panel):
+                _strip(axes, panel, tiles, layout, metric, top)
+                if tiles[0].title == "Truth":
+                    axes.text(_GAP, top + 0.7 * _LINE, f"({letter(index)})", size=layout.size, weight="bold")
+                top += layout.height(panel)
         bar = figure.colorbar(
             ScalarMappable(Normalize(0, ERROR_SCALE), COLOURS),
             cax=figure.add_axes((0.5 - 0.9 / width, (_FOOT - 0.16) / height, 1.8 / width, 0.08 / height)),
@@ -114,42 +171,44 @@ def grid(panels: Sequence[Panel], metric: Metric) -> dict[str, bytes]:
         )
         bar.set_label("mean absolute error of sRGB values", fontsize=7, labelpad=1)
         bar.ax.tick_params(labelsize=7, pad=1.5, length=2)
-    return saved(figure)
+    return saved(figure, sheet.dpi or DPI)
 
 
-def _height(panel: Panel) -> float:
+def _strip(axes: Axes, panel: Panel, tiles: Sequence[Tile], layout: _Grid, metric: Metric, top: float) -> None:
     tall, wide = panel.truth.shape[:2]
-    return _TILE * (2 * tall / wide + 1) + 2 * _GAP + 2.4 * _LINE
-
-
-def _panel(axes: Axes, panel: Panel, metric: Metric, top: float) -> None:
-    tall, wide = panel.truth.shape[:2]
-    side = _TILE * tall / wide
+    across, size = layout.tile, layout.size
+    side = across * tall / wide
     rows, columns = detail(panel)
-    lines = (top + _LINE, top + _LINE + side + _GAP, top + _LINE + side + _TILE + 2 * _GAP)
-    for index, tile in enumerate((Tile("truth", None, panel.truth, None), *panel.tiles)):
-        left = _GAP + index * (_TILE + _GAP)
-        middle = left + _TILE / 2
-        _write(axes, middle, top + 0.7 * _LINE, tile.title)
+    lines = [top + _LINE, top + _LINE + side + _GAP]
+    lines.append(lines[1] + (across + _GAP) * layout.detail)
+    for index, tile in enumerate(tiles):
+        left = _GAP + index * (across + _GAP)
+        middle = left + across / 2
+        _write(axes, middle, top + 0.7 * _LINE, tile.title, size)
         if tile.image is None:
-            _write(axes, middle, lines[0] + side / 2, "no image", colour="#6a665f")
+            _write(axes, middle, lines[0] + side / 2, "no image", size, colour="#6a665f")
             continue
-        _show(axes, tile.image, left, lines[0], side)
-        _show(axes, tile.image[rows, columns], left, lines[1], _TILE)
-        _mark(axes, left, lines[1], _TILE, _TILE)
-        pixel = _TILE / wide
-        box = (columns.stop - columns.start) * pixel
-        _mark(axes, left + columns.start * pixel, lines[0] + rows.start * pixel, box, box)
+        _show(axes, tile.image, (left, lines[0], across, side))
+        if layout.detail:
+            _show(axes, tile.image[rows, columns], (left, lines[1], across, across))
+            _mark(axes, left, lines[1], across, across)
+            pixel = across / wide
+            box = (columns.stop - columns.start) * pixel
+            _mark(axes, left + columns.start * pixel, lines[0] + rows.start * pixel, box, box)
         if tile.error is not None:
-            _show(axes, COLOURS(np.clip(tile.error / ERROR_SCALE, 0, 1))[..., :3], left, lines[2], side)
+            error = COLOURS(np.clip(tile.error / ERROR_SCALE, 0, 1))[..., :3]
+            _show(axes, error, (left, lines[2], across, side))
             score = f"{number(tile.score, metric.decimals)} {metric.unit}".strip()
-            _write(axes, middle, lines[2] + side + 0.7 * _LINE, score)
-    for line, part in enumerate(panel.query.split("/")):
-        _write(axes, _GAP + _TILE / 2, lines[2] + side / 2 + (line - 1.5) * _LINE, part)
+            _write(axes, middle, lines[2] + side + 0.7 * _LINE, score, size)
+        else:
+            for line, part in enumerate(panel.query.split("/")):
+                _write(axes, middle, lines[2] + side / 2 + (line - 1.5) * _LINE, part, size)
 
 
-def _show(axes: Axes, image: Array, left: float, top: float, height: float) -> None:
-    axes.imshow(image, extent=(left, left + _TILE, top + height, top), aspect="auto")
+def _show(axes: Axes, image: Array, place: tuple[float, float, float, float]) -> None:
+    """Draw an image at left, top, width and height."""
+    left, top, width, height = place
+    axes.imshow(image, extent=(left, left + width, top + height, top), aspect="auto")
 
 
 def _mark(axes: Axes, left: float, top: float, width: float, height: float) -> None:

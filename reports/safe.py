@@ -3,38 +3,25 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 from handbench.terminal import printable
 
-LATEX = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-    "&": r"\&",
-    "#": r"\#",
-    "%": r"\%",
-    "_": r"\_",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
+from .texletters import encoder, guarded, is_plain
+
+_LATEX = {  # as texts are set, where pylatexenc would say it otherwise; brackets could become an argument
+    "[": "{[}",
+    "]": "{]}",
     "<": r"\textless{}",
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
-    "[": "{[}",
-    "]": "{]}",
-    "→": r"$\rightarrow$",
-    "↑": r"$\uparrow$",
-    "↓": r"$\downarrow$",
-    "×": r"$\times$",
-    "≥": r"$\geq$",
-    "≠": r"$\neq$",
-    "≤": r"$\leq$",
-    "−": r"$-$",
-    "∞": r"$\infty$",
-    "τ": r"$\tau$",
-    "†": r"\textdagger{}",
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
     "–": "--",
-    "…": r"\ldots{}",
+    "−": "$-$",
+    "×": r"$\times$",
+    "\xa0": "~",
 }
 _UNSET = re.compile("[\u2400-\u2421\ufffd]")  # what stands for control characters, which LaTeX's fonts do not have
 _MARKDOWN = {**{sign: f"\\{sign}" for sign in "\\|*[]`"}, "<": "&lt;"}
@@ -55,8 +42,15 @@ def one_line(text: str) -> str:
 
 
 def latex(text: str) -> str:
-    """A text as LaTeX prints it."""
-    return "".join(LATEX.get(letter, letter) for letter in _UNSET.sub("?", one_line(text)))
+    """A text as LaTeX prints it, in ASCII."""
+    return "".join(map(_latex_letter, _UNSET.sub("?", one_line(text))))
+
+
+@lru_cache(maxsize=4096)
+def _latex_letter(letter: str) -> str:
+    if letter in _LATEX:
+        return _LATEX[letter]
+    return str(encoder().unicode_to_latex(letter)) if letter.isascii() or is_plain(letter) else guarded(letter)
 
 
 def latex_header(given: str, title: str) -> str:

@@ -32,22 +32,24 @@ from .model import (
     number,
     signed,
 )
+from .style import PLAIN, Style
 from .verdict import answer
 
 STYLES = {0: "", 1: "bold green", 2: "underline"}
 OPEN_STYLES = {1: "bold dim", 2: "underline dim"}  # of marks that hold for these hands alone
 
 
-def render_terminal(table: Table) -> RenderableType:
-    """A rich renderable: print it with a `rich.console.Console`."""
+def render_terminal(table: Table, style: Style = PLAIN) -> RenderableType:
+    """A rich renderable: print it with a `rich.console.Console`. Intervals and deviations only if `style` asks."""
+    table = style.rounded(table)
     notes = [Text(f"{letter(index)}  {note}") for index, note in enumerate(table.footnotes, start=1)]
     legend = "bold: best, underlined: second, with all that cannot be told from them (dim: not claimable for other "
     legend += "hands); calibration (*), published rows, values that miss frames and what is not above the floor "
     legend += f"({SUNK}) cannot win"
     told = (*table.remarks, *table.limits, legend, *((UNEQUAL_NOTE,) if table.unequal else ()))
     remarks = [*(Text(text, style="dim") for text in told), *map(Text, answer(table).sentences)]
-    grids = [grid for group in table.groups for grid in (_grid(table, group), *_differences(table, group))]
-    return Lines(Text(table.title, style="bold"), *grids, _costs(table), *_agreements(table), *notes, *remarks)
+    grids = [grid for group in table.groups for grid in (_grid(table, group, style), *_differences(table, group))]
+    return Lines(Text(table.title, style="bold"), *grids, *_costs(table, style), *_agreements(table), *notes, *remarks)
 
 
 def _agreements(table: Table) -> Iterator[Text]:
@@ -59,14 +61,14 @@ def _agreements(table: Table) -> Iterator[Text]:
             yield Text(f"  {sentence(pair, agreement.column)}")
 
 
-def _grid(table: Table, group: Group) -> RichTable:
+def _grid(table: Table, group: Group, style: Style) -> RichTable:
     indices = table.of_group(group)
     grid = _empty(f"{group.title}: {group.counted}", table.rows)
     for index in indices:
         metric = table.columns[index].metric
         grid.add_column(Text(f"{metric.title} {metric.arrow}"), justify="right", overflow="fold")
     for row in table.rows:
-        grid.add_row(*_head(row), *(_cell(row.cells[index], table.columns[index]) for index in indices))
+        grid.add_row(*_head(row), *(_cell(row.cells[index], table.columns[index], style) for index in indices))
     return grid
 
 
@@ -98,13 +100,15 @@ def difference_text(apart: Difference | None, metric: Metric) -> Text:
     return text
 
 
-def _costs(table: Table) -> RichTable:
+def _costs(table: Table, style: Style) -> Iterator[RichTable]:
+    if style.times is False:
+        return
     grid = _empty(costs_title(table), table.computed)
     for title in COST_TITLES:
         grid.add_column(title.replace(" ", "\n").replace("non-", "non-\n"), justify="right", overflow="fold")
     for row in table.computed:
         grid.add_row(*_head(row), *cost_texts(row, table.timed_kind))
-    return grid
+    yield grid
 
 
 def _empty(title: str, rows: tuple[Row, ...]) -> RichTable:
@@ -125,11 +129,17 @@ def _name(row: Row) -> Text:
     return Text(row.title + row.suffix)
 
 
-def _cell(cell: Aggregate, column: Column) -> Text:
+def _cell(cell: Aggregate, column: Column, wanted: Style) -> Text:
     style = STYLES[cell.rank] if cell.claimed or not cell.rank else OPEN_STYLES[cell.rank]
     text = Text(number(cell.value, column.metric.decimals) + SUNK * cell.sunk, style=style)
     if cell.unequal:
         text.append(UNEQUAL, style="not bold not underline dim")
     if not cell.complete:
         text.append(f" {cell.covered}/{cell.expected}{f' {marks(cell)}' if cell.notes else ''}", style="yellow")
+    decimals = column.metric.decimals
+    if wanted.seeds and cell.spread is not None:
+        text.append(f" ± {number(cell.spread, decimals)}", style="not bold not underline dim")
+    if wanted.intervals and cell.low is not None:
+        between = f" [{number(cell.low, decimals)}, {number(cell.high, decimals)}]"
+        text.append(between, style="not bold not underline dim")
     return text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Iterator
 
 from .agreement import headline, sentence
@@ -28,6 +29,7 @@ from .model import (
     signed,
 )
 from .safe import csv_cell, markdown
+from .style import PLAIN, Style
 from .verdict import answer
 
 CSV_METHOD = ("method", "title", "kind", "fidelity", "enrolment")
@@ -38,36 +40,47 @@ CSV_DIFFERENCE = ("baseline", "difference", "difference_low", "difference_high",
 
 
 def render_csv(table: Table) -> str:
+    """The table as CSV: `lines`, of which a spreadsheet takes none for a formula."""
+    out = io.StringIO()
+    columns = (*CSV_METHOD, *CSV_METRIC, *CSV_VALUE, *CSV_MARKS, *(CSV_DIFFERENCE if table.baseline else ()))
+    writer = csv.DictWriter(out, columns, lineterminator="\n")
+    writer.writeheader()
+    for line in lines(table):
+        writer.writerow({name: csv_cell(value) for name, value in line.items()})
+    return out.getvalue()
+
+
+def as_json(table: Table) -> list[dict[str, object]]:
+    """`lines` as JSON values: what is not there is left out, and so is infinity."""
+
+    def told(value: object) -> bool:
+        return value not in (None, "") and not (isinstance(value, float) and not math.isfinite(value))
+
+    return [{name: value for name, value in line.items() if told(value)} for line in lines(table)]
+
+
+def lines(table: Table) -> Iterator[dict[str, object]]:
     """One line a value, in full precision.
 
     Of a method alone are lines with the metrics train_s, personalise_s, new_pose_ms.KIND and known_pose_ms.KIND for
     each kind of frame, and nonlinearity. Lines of kind "agreement" hold Kendall's tau of a column, with its inversions
     as reasons. With a baseline there are more columns, which hold the paired difference to it.
     """
-    out = io.StringIO()
-    columns = (*CSV_METHOD, *CSV_METRIC, *CSV_VALUE, *CSV_MARKS, *(CSV_DIFFERENCE if table.baseline else ()))
-    writer = csv.DictWriter(out, columns, lineterminator="\n")
-
-    def write(line: dict[str, object]) -> None:
-        writer.writerow({name: csv_cell(value) for name, value in line.items()})
-
-    writer.writeheader()
     for row in table.rows:
         head = dict(zip(CSV_METHOD, (row.name, row.title, row.kind, row.fidelity, row.enrolment), strict=True))
         for column, cell in zip(table.columns, row.cells, strict=True):
-            write({**head, **_csv_column(column), **_csv_cell(row, cell, table)})
+            yield {**head, **_csv_column(column), **_csv_cell(row, cell, table)}
         for name, unit, span in _measured(row.times):
             values = {"value": span.median, "low": span.low, "high": span.high}
-            write({**head, "metric": name, "unit": unit, "higher_is_better": False, **values})
+            yield {**head, "metric": name, "unit": unit, "higher_is_better": False, **values}
         if row.nonlinearity is not None:
             bend = {"metric": "nonlinearity", "higher_is_better": False, "value": row.nonlinearity}
-            write({**head, **bend})
+            yield {**head, **bend}
     for agreement in table.agreements:
         column = agreement.column
         inverted = "; ".join(sentence(pair, column) for pair in agreement.inversions)
         place = {**_csv_column(column), "unit": "", "higher_is_better": True}
-        write({"kind": "agreement", **place, "value": agreement.tau, "reasons": inverted})
-    return out.getvalue()
+        yield {"kind": "agreement", **place, "value": agreement.tau, "reasons": inverted}
 
 
 def _measured(times: Times) -> Iterator[tuple[str, str, Span]]:
@@ -98,12 +111,12 @@ def _csv_cell(row: Row, cell: Aggregate, table: Table) -> dict[str, object]:
     return found
 
 
-def render_markdown(table: Table) -> str:
-    """One Markdown table a column group, then times and footnotes."""
-    return "\n".join(_markdown(table)) + "\n"
+def render_markdown(table: Table, style: Style = PLAIN) -> str:
+    """One Markdown table a column group, then times and footnotes; intervals and times unless `style` says no."""
+    return "\n".join(_markdown(style.rounded(table), style)) + "\n"
 
 
-def _markdown(table: Table) -> Iterator[str]:
+def _markdown(table: Table, style: Style) -> Iterator[str]:
     yield f"# {markdown(table.title)}"
     yield from (f"\n{markdown(sentence)}" for sentence in answer(table).sentences)
     for group in table.groups:
@@ -113,16 +126,17 @@ def _markdown(table: Table) -> Iterator[str]:
         yield f"{markdown(' '.join(filter(None, (f'{group.counted}.', group.about))))}\n"
         yield from _pipes(["Method", *titles])
         for row in table.rows:
-            yield _line([_title(row), *(_markdown_cell(row.cells[i], table.columns[i]) for i in indices)])
+            yield _line([_title(row), *(_markdown_cell(row.cells[i], table.columns[i], style) for i in indices)])
         if table.baseline:
             yield f"\nDifference to {markdown(table.baseline)}:\n"
             yield from _pipes(["Method", *titles])
             for row in table.compared:
                 yield _line([_title(row), *(_markdown_difference(row.cells[i], table.columns[i]) for i in indices)])
-    yield f"\n## {costs_title(table)}\n"
-    yield from _pipes(["Method", *COST_TITLES])
-    for row in table.computed:
-        yield _line([_title(row), *cost_texts(row, table.timed_kind)])
+    if style.times is not False:
+        yield f"\n## {costs_title(table)}\n"
+        yield from _pipes(["Method", *COST_TITLES])
+        for row in table.computed:
+            yield _line([_title(row), *cost_texts(row, table.timed_kind)])
     if table.agreements:
         yield "\n## Order of methods beside the published one\n"
     for agreement in table.agreements:
@@ -158,14 +172,14 @@ def _title(row: Row) -> str:
     return markdown(row.title + row.suffix + (f" ({row.enrolment})" if row.enrolment else ""))
 
 
-def _markdown_cell(cell: Aggregate, column: Column) -> str:
+def _markdown_cell(cell: Aggregate, column: Column, style: Style) -> str:
     decimals = column.metric.decimals
     value = number(cell.value, decimals)
     text = {0: value, 1: f"**{value}**", 2: f"*{value}*"}[cell.rank] + "°" * (cell.rank > 0 and not cell.claimed)
     text += SUNK * cell.sunk + UNEQUAL * cell.unequal
-    if cell.low is not None:
+    if cell.low is not None and style.intervals is not False:
         text += f" [{number(cell.low, decimals)}, {number(cell.high, decimals)}]"
-    if cell.spread is not None:
+    if cell.spread is not None and style.seeds is not False:
         text += f" ± {number(cell.spread, decimals)}"
     if not cell.complete:
         text += f" ({cell.covered}/{cell.expected})"

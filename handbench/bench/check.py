@@ -15,7 +15,7 @@ import numpy as np
 from ..data.capture import Capture
 from ..errors import Changed, HandbenchError, NonFinite, Unsupported
 from ..method import Avatar, Method, PosedAvatar, Prior, RecordedAvatar
-from ..registry import METHODS
+from ..registry import METHODS, Entry
 from ..results.laws import LINEAR, deviation, deviations, drawing
 from ..scene import Frame, Observation, Prediction, Query, Viewpoint
 from . import given
@@ -42,13 +42,16 @@ class Finding:
     detail: str
 
 
-def check(name: str, protocol: Protocol, preset: str | None = None, data: Path | None = None) -> list[Finding]:
-    """Try every law on a method. A law whose trial crashes does not hold, and the verdict says why.
+def check(named: str | Entry, protocol: Protocol, preset: str | None = None, data: Path | None = None) -> list[Finding]:
+    """Try every law on a method, given by name or plug-in.
+
+    A law whose trial crashes does not hold, and its finding says why.
 
     Raises `InputError` for an unknown method, a protocol that does not fit its capture, and a damaged capture.
     """
-    check_preset((METHODS.entry(name),), preset)
-    method = make_method(METHODS.entry(name), preset or protocol.preset_of(name))
+    entry = METHODS.entry(named) if isinstance(named, str) else named
+    check_preset((entry,), preset)
+    method = make_method(entry, preset or protocol.preset_of(entry.name))
     with steps() as told:
         capture = open_data(protocol, data, told)
     return check_method(method, protocol, capture)

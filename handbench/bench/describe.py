@@ -97,8 +97,10 @@ def protocol_record(
 
 
 def method_record(cell: Cell, method: Method, enrolment: str = "") -> MethodRecord:
-    """A method as a cell has it, with what enrolment gave it."""
-    info = {**method.info.said, "name": cell.method, "enrolment": enrolment}
+    """A method as a cell has it, with what enrolment gave it; its title tells changed settings."""
+    changed = ", ".join(f"{name}={value}" for name, value in cell.changes)
+    title = f"{method.info.title} ({changed})" if changed else method.info.title
+    info = {**method.info.said, "name": cell.method, "title": title, "enrolment": enrolment}
     return read(MethodRecord, plain({**info, "preset": cell.preset, "config": method.config}))
 
 

@@ -24,7 +24,7 @@ from ..metricspec import MetricSpec
 from ..registry import CAPTURES, METRICS, Entry
 from ..results.record import CellRecord, Provenance
 from .opening import open_data, select
-from .plan import Cell, Plan, make_method, make_plan, method_entries, refusals
+from .plan import Cell, ChangesOf, Plan, make_method, make_plan, method_entries, refusals, with_changes
 from .progress import Steps
 from .protocol import Protocol
 from .store import Store
@@ -37,7 +37,8 @@ _LONGEST_PAUSE = 5.0  # seconds between looks at what other processes have done
 
 @dataclass(frozen=True)
 class Job:
-    """What a run is asked to do; `extra` are methods that are not registered, `data` is where captures are kept."""
+    """What a run is asked to do; `extra` are methods that are not registered, `changes` the settings that are changed,
+    `data` is where captures are kept."""
 
     protocol: Protocol
     methods: tuple[str, ...]
@@ -47,6 +48,7 @@ class Job:
     data: Path | None
     command: tuple[str, ...]
     extra: tuple[Entry, ...] = ()
+    changes: ChangesOf = ()
 
     @property
     def store(self) -> Store:
@@ -55,7 +57,7 @@ class Job:
     @property
     def entries(self) -> dict[str, Entry]:
         """The plug-ins of the methods. Raises `InputError` for an unknown one."""
-        return method_entries(self.methods, self.extra)
+        return with_changes(method_entries(self.methods, self.extra), self.changes)
 
     @property
     def presets(self) -> dict[str, str]:
@@ -65,7 +67,7 @@ class Job:
         return open_data(self.protocol, self.data, told)
 
     def plan(self, capture: Capture) -> Plan:
-        return make_plan(self.protocol, capture.digest, self.methods, self.seeds, self.preset, self.extra)
+        return make_plan(self.protocol, capture.digest, self.methods, self.seeds, self.preset, self.extra, self.changes)
 
     def make_tools(self) -> Tools:
         """Raises `InputError` for an unknown preset, a broken plug-in and metrics of one signature."""

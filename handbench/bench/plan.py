@@ -21,8 +21,8 @@ from __future__ import annotations
 
 import importlib.metadata
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 from .. import __version__
 from ..errors import HandbenchError, InputError
@@ -34,12 +34,16 @@ from .given import refusal
 from .isolation import isolated
 from .protocol import Protocol, Selected, digest
 
+ChangesOf: TypeAlias = tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
+"""The changed settings of methods, by their names."""
+
 _PACKAGES = ("torch", "jax", "mitsuba")  # whose releases change what methods and captures compute
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One method on one subject with one seed. Cells of equal `prior` share a training."""
+    """One method on one subject with one seed, with the settings that were changed. Cells of equal `prior` share a
+    training."""
 
     key: str
     prior: str
@@ -47,6 +51,7 @@ class Cell:
     preset: str
     subject: str
     seed: int
+    changes: tuple[tuple[str, str], ...] = ()
 
     @property
     def label(self) -> str:
@@ -77,6 +82,12 @@ def method_entries(names: Iterable[str], extra: Sequence[Entry] = ()) -> dict[st
         if name in METHODS.entries():
             raise InputError(f"there is a method {name!r} already; choose another name")
     return {name: known.get(name) or METHODS.entry(name) for name in names}
+
+
+def with_changes(entries: Mapping[str, Entry], changes: ChangesOf) -> dict[str, Entry]:
+    """The plug-ins with changed settings."""
+    of = dict(changes)
+    return {name: replace(entry, changes=of.get(name, ())) for name, entry in entries.items()}
 
 
 def check_preset(entries: Sequence[Entry], preset: str | None) -> None:
@@ -111,17 +122,19 @@ def make_plan(
     seeds: Iterable[int] | None = None,
     preset: str | None = None,
     extra: Sequence[Entry] = (),
+    changes: ChangesOf = (),
 ) -> Plan:
     """All cells of a run, those that share a training side by side; None takes the protocol's default.
 
-    `extra` are methods that are not registered; without `methods` they come after the protocol's.
+    `extra` are methods that are not registered; without `methods` they come after the protocol's. `changes` are the
+    settings that are changed, by method.
     Raises `InputError` for an unknown method or metric, for a broken plug-in and for an empty list.
     """
     names = tuple(dict.fromkeys(default_methods(protocol, extra) if methods is None else methods))
     seeds = tuple(dict.fromkeys(protocol.seeds if seeds is None else seeds))
     if not names or not seeds:
         raise InputError("nothing to run: name at least one method and one seed")
-    entries = method_entries(names, extra)
+    entries = with_changes(method_entries(names, extra), changes)
     metrics = [METRICS.entry(MetricSpec.parse(spec).name).target for spec in protocol.metrics]
     code = source_digests([*metrics, *(entry.target for entry in entries.values())])
     scoring = digest([code[target] for target in metrics])
@@ -134,7 +147,7 @@ def make_plan(
             prior = digest([*made_of, seed, capture_digest, protocol.training_digest])
             for subject in protocol.subjects:
                 key = digest([prior, protocol.digest, scoring, subject])
-                cells.append(Cell(key, prior, name, chosen, subject, seed))
+                cells.append(Cell(key, prior, name, chosen, subject, seed, entry.changes))
     return Plan(protocol, capture_digest, names, seeds, tuple(cells))
 
 
@@ -149,10 +162,11 @@ def default_methods(protocol: Protocol, extra: Sequence[Entry] = ()) -> tuple[st
 
 
 def _resolved(entry: Entry, preset: str) -> Mapping[str, Any] | None:
-    """The configuration of a plug-in from outside; our own are resolved by what `source_digests` reads."""
+    """The configuration of a plug-in from outside and of one whose settings are changed; our own are else resolved by
+    what `source_digests` reads."""
     from .. import methods
 
-    if entry.target.startswith("handbench.") and entry in methods.ENTRIES:
+    if entry in methods.ENTRIES:
         return None
     config = make_method(entry, preset).config
     try:

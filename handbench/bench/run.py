@@ -10,12 +10,15 @@ from pathlib import Path
 
 from ..errors import InputError, unknown_name
 from ..registry import PROTOCOLS, Entry
+from ..settings import Setting
 from ..shards import Shard
+from .changes import assigned
 from .describe import protocol_record, run_record
 from .executor import Done, Job, Site, finished, work
 from .plan import Cell, Plan, by_prior, check_preset, default_methods
 from .progress import Steps, steps
 from .protocol import Protocol
+from .reuse import take
 from .store import Store
 
 EXECUTORS = ("local", "ray")
@@ -25,9 +28,10 @@ EXECUTORS = ("local", "ray")
 class Outcome:
     """What a run did.
 
-    `computed` and `reused` count cells, of the shard if it was one; `crashed` names those whose method crashed, and
-    why; `refused` names those computed now whose method needs what is not given, and why; `missing` names those of
-    other shards that are not there yet: without any, a report is complete.
+    `computed` and `reused` count cells, of the shard if it was one, and `taken` those of the reused that came from
+    other run folders; `crashed` names those whose method crashed, and why; `refused` names those computed now whose
+    method needs what is not given, and why; `missing` names those of other shards that are not there yet: without any,
+    a report is complete.
     """
 
     folder: Path
@@ -36,6 +40,7 @@ class Outcome:
     crashed: tuple[str, ...]
     missing: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
+    taken: int = 0
 
 
 def find_protocol(name: str) -> Protocol:
@@ -60,6 +65,8 @@ def run(
     shard: Shard | None = None,
     executor: str = "local",
     cpus: int | None = None,
+    settings: Sequence[Setting] = (),
+    reuse: Sequence[Path] = (),
 ) -> Outcome:
     """Compute the missing cells of a protocol into `out` (default: runs/<protocol>) and say what was done.
 
@@ -69,6 +76,8 @@ def run(
 
     methods     names; None: those of the protocol, then `extra`
     extra       methods that are not registered; their names and settings are part of a cell's key
+    settings    of methods' configurations, changed; they are part of a cell's key and of a method's title
+    reuse       run folders whose finished cells and trainings of the same keys are taken, instead of computed
     shard       compute only the cells of this part of the plan; run.json tells the whole plan
     executor    "local", or "ray": on the nodes of a Ray cluster, see `cluster.py`
     cpus        cores that "ray" gives a cell; None: as many as the smallest node has
@@ -83,8 +92,9 @@ def run(
     job = Job(protocol, names, chosen, preset, *places, tuple(command), tuple(extra))
     _check_executor(executor, cpus)
     check_preset(tuple(job.entries.values()), preset)
+    job = replace(job, changes=assigned(settings, job.entries, job.presets))
     # What is mistyped is told before a capture is generated; what this folder has run before is not loaded to know.
-    known = _known(job.store, protocol, {name: job.presets[name] for name in job.entries})
+    known = not job.changes and _known(job.store, protocol, {name: job.presets[name] for name in job.entries})
     tools = None if known else job.make_tools()
     job.store.prepare()
     with steps() as told:
@@ -92,6 +102,8 @@ def run(
         plan = job.plan(capture)
         cells = plan.cells if shard is None else shard.of(by_prior(plan.cells))
         missing = [cell for cell in cells if not finished(job.store.cell(cell.key))]
+        taken = take(job.store, missing, reuse)
+        missing = [cell for cell in missing if not finished(job.store.cell(cell.key))] if taken else missing
         done = Done()
         refused: tuple[str, ...] = ()
         if missing or not _refresh(job.store, plan):
@@ -100,7 +112,7 @@ def run(
             refused = tuple(f"{cell.label}: {site.refused[cell.key]}" for cell in missing if cell.key in site.refused)
             done = _execute(site, missing, told, executor, cpus)
             job.store.sweep()  # of those that were killed meanwhile
-    return replace(_outcome(folder, job.store, plan, cells, missing, done), refused=refused)
+    return replace(_outcome(folder, job.store, plan, cells, missing, done), refused=refused, taken=taken)
 
 
 def _outcome(

@@ -30,7 +30,7 @@ import numpy as np
 
 from ..checkpoint import Checkpoints, checkpoints_in
 from ..claims import claim, holder
-from ..errors import Absent, Damaged, StorageError
+from ..errors import Absent, Damaged, HandbenchError, StorageError
 from ..files import JSON_LIMIT, read_bytes, writing
 from ..results.record import CellRecord, CurvePoint, PriorRecord, RunRecord
 from ..results.recordfile import dump, parse
@@ -204,6 +204,34 @@ class Store:
         finally:
             _remove(part)
 
+    def adopt_cell(self, other: Store, cell: CellRecord) -> bool:
+        """Take a finished cell of another folder, pictures first; False if one of its pictures is not there."""
+        pictures = [(other.picture(cell.key, query), self.picture(cell.key, query)) for query in cell.predictions]
+        if not all(other.own(source).is_file() for source, _ in pictures):
+            return False
+        for source, target in pictures:
+            with writing(target):
+                target.parent.mkdir(parents=True, exist_ok=True)
+                _link(source, self.own(target))
+        self.write_cell(cell)
+        return True
+
+    def adopt_prior(self, other: Store, key: str) -> bool:
+        """Take a training of another folder; False if it has none that is whole."""
+        try:
+            record = other.read_prior(key)
+            if record is None:
+                return False
+            state = other.sound_state(key)
+        except HandbenchError:
+            return False
+        with self.writing_prior(key, record.method, record.seed, record.config) as new:
+            new.train_s, new.curve = record.train_s, record.curve
+            for name in record.files:
+                (new.state / name).parent.mkdir(parents=True, exist_ok=True)
+                _link(state / name, new.state / name)
+        return True
+
     def own(self, path: Path) -> Path:
         """A path of this folder. Raises `StorageError` if a link leads out of it: a run folder may be a stranger's."""
         if not path.resolve().is_relative_to(self.folder.resolve()):
@@ -249,6 +277,19 @@ def _unless_damaged(read: Callable[[], _Record | None]) -> _Record | None:
         return read()
     except Damaged:  # by something else than us: computed again
         return None
+
+
+def _link(source: Path, target: Path) -> None:
+    """Make `target` the file that `source` is, or a copy of it where the disk has no such links."""
+    part = _part(target)
+    try:
+        try:
+            os.link(source, part)
+        except OSError:
+            shutil.copyfile(source, part)
+        part.replace(target)
+    finally:
+        _remove(part)
 
 
 def _files(folder: Path) -> list[Path]:

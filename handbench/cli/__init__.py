@@ -16,18 +16,17 @@ if TYPE_CHECKING:
     from .process import Stops
 
 _MODULES = (
-    "run",
-    "report",
-    "gate",
-    "catalogue",
-    "data",
-    "studies",
-    "score",
-    "audit",
-    "metrics",
-    "personalise",
-    "relight",
+    *("run", "report", "gate", "catalogue", "data", "studies", "score", "audit", "metrics", "personalise", "relight"),
+    *("cache", "completion"),
 )
+_START = """\
+examples:
+  handbench run smoke                     seconds: is everything in place?
+  handbench run quick                     train and score five methods, write the report
+  handbench report runs/quick             the table again
+  handbench VERB --help                   options and examples of a verb
+
+"""
 
 
 def command() -> NoReturn:
@@ -56,7 +55,11 @@ def main(argv: list[str] | None = None, stops: Stops | None = None) -> int:
     import gc
 
     gc.set_threshold(100_000, 50, 100)  # by default 0.3 s are spent on looking through torch while it loads
-    arguments = _parser().parse_args(argv)
+    root = parser()
+    arguments = root.parse_args(argv)
+    if not hasattr(arguments, "verb"):  # a bare "handbench"
+        root.print_help()
+        return 0
     try:
         _check_place()
         code: int = arguments.verb(arguments)
@@ -80,15 +83,16 @@ def _check_place() -> None:
         raise InputError("the current folder is gone; change to one that exists") from error
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The whole command line; help, completion and the command reference are made from it."""
     import importlib
 
     from .. import __version__
     from .endings import CODES, Parser
 
-    parser = Parser(prog="handbench", description="Benchmark hand-relighting methods.", epilog=CODES)
-    parser.add_argument("--version", action="version", version=f"handbench {__version__}")
-    verbs = parser.add_subparsers(required=True, metavar="VERB")
+    root = Parser(prog="handbench", description="Benchmark hand-relighting methods.", epilog=_START + CODES)
+    root.add_argument("--version", action="version", version=f"handbench {__version__}")
+    verbs = root.add_subparsers(metavar="VERB")
     for name in _MODULES:
         importlib.import_module(f"{__name__}.{name}").add(verbs)
-    return parser
+    return root

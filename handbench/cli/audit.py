@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from ..studies import SUMMARIES
 from ..terminal import say
+from .shared import data_option, examples, json_option, tell
 
 
 def add(verbs: Any) -> None:
     audit = verbs.add_parser("audit", help=SUMMARIES["audit"])
     audit.add_argument("run", type=Path, help="the folder of a run")
     audit.add_argument("--protocol", metavar="FILE", help="the run's protocol file, if it is not a registered one")
-    audit.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
-    audit.add_argument("--json", action="store_true", help="print the verdicts as JSON")
+    data_option(audit)
+    json_option(audit)
+    examples(audit, "audit runs/quick", "audit runs/mine --protocol mine.toml --json")
     audit.set_defaults(verb=_audit)
 
 
@@ -32,5 +33,5 @@ def _audit(arguments: argparse.Namespace) -> int:
             say(f"{verdict.law:<22} {words[verdict.holds]:<7} {verdict.detail}")
     if arguments.json:
         told = [{"check": v.law, "verdict": words[v.holds], "detail": v.detail} for v in verdicts]
-        say(json.dumps(told, indent=1))
+        tell(told)
     return 1 if any(verdict.holds is False for verdict in verdicts) else 0

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..terminal import say
-from .shared import cores
+from .shared import cores, examples, json_option, tell
 
 _MOST = 4  # processes of their own accord: each takes 1 to 2 GB
 _ELSEWHERE = "choose another place with --out"
@@ -40,8 +40,16 @@ def add(verbs: Any) -> None:
     for verb in (make, show, check):
         more = "" if verb is make else ", or a folder of your own"
         verb.add_argument("capture", help=f"a name that 'handbench list captures' shows{more}")
-        verb.add_argument("--size", default="quick", metavar="SIZE")
-        verb.add_argument("--folder", type=Path, metavar="DIR", help="where captures are kept")
+        verb.add_argument(
+            "--size", default="quick", metavar="SIZE", help="mini, quick (default), dense, standard or full"
+        )
+        verb.add_argument("--data", "--folder", dest="folder", type=Path, metavar="DIR", help="where captures are kept")
+    for verb in (make, show, check, template):
+        json_option(verb)
+    examples(make, "data make openstage --size quick", "data make openstage --size standard --shard 1/8 --data /shared")
+    examples(show, "data show openstage --size mini")
+    examples(check, "data check openstage --size mini --json", "data check ./my-hand  # and a sheet, my-hand-check.png")
+    examples(template, "data template my-hand")
 
 
 def _data_make(arguments: argparse.Namespace) -> int:
@@ -54,6 +62,9 @@ def _data_make(arguments: argparse.Namespace) -> int:
     name, size, folder = arguments.capture, arguments.size, arguments.folder
     with steps() as told:
         left = make_capture(name, size, folder, told, shard, arguments.executor, arguments.cpus, processes)
+    if arguments.json:
+        tell({"missing": sorted(map(str, left))} if left else _facts(_capture(arguments)))
+        return 0
     if left:
         say(f"shard {shard}: made; not there yet, of other shards: {len(left)} poses")
         say("the capture is finished by the shard that finishes last, or by the same command without --shard")
@@ -72,6 +83,9 @@ def _data_show(arguments: argparse.Namespace) -> int:
     capture = _capture(arguments)
     path = arguments.out or Path(f"{capture.name}.png")
     write_contact_sheet(capture, path)
+    if arguments.json:
+        tell({**_facts(capture), "sheet": str(path), "summary": summary(capture)})
+        return 0
     say(summary(capture))
     say(f"contact sheet: {path}")
     return 0
@@ -89,22 +103,27 @@ def _data_check(arguments: argparse.Namespace) -> int:
     if sheet is not None:
         check_file(sheet, _ELSEWHERE)
     capture = _capture(arguments)
-    if own:
+    if own and not arguments.json:
         say(f"{capture.name}: {capture.layout}, offers {', '.join(sorted(capture.offers))}")
     with steps() as told:
         found = list(troubles(capture, told("frames")))
+    looked = checked(capture)
+    if sheet is not None:
+        write_sheet(capture, sheet)
+    if arguments.json:
+        about = {"overlap": looked.overlap, "doubts": list(map(str, looked.doubts)), "sheet": sheet and str(sheet)}
+        tell({**_facts(capture), "troubles": list(map(str, found)), "remarks": list(capture.remarks), **about})
+        return 2 if found or looked.doubts else 0
     for trouble in found:
         say(trouble)
     for remark in capture.remarks:
         say(f"{capture.name}: {remark}")
-    looked = checked(capture)
     if looked.overlap is not None:
         say(f"{capture.name}: hand and masks share {looked.overlap:.0%} of what they cover")
     for doubt in looked.doubts:
         say(f"{capture.name}: {doubt}")
     found += looked.doubts
     if sheet is not None:
-        write_sheet(capture, sheet)
         say(f"sheet: {sheet}")
     count = len(capture.frames())
     say(f"{capture.name}: {count} frames, " + (f"{len(found)} troubles" if found else "all sound"))
@@ -115,6 +134,9 @@ def _data_template(arguments: argparse.Namespace) -> int:
     from ..data.folder.template import write_template
 
     path = write_template(arguments.place)
+    if arguments.json:
+        tell({"file": str(path)})
+        return 0
     say(f"{path} is written: look through it, then run 'handbench data check {arguments.place}'")
     return 0
 
@@ -125,6 +147,10 @@ def _own(arguments: argparse.Namespace) -> bool:
 
     named = arguments.capture
     return "/" in named or (named not in CAPTURES.entries() and Path(named).is_dir())
+
+
+def _facts(capture: Any) -> dict[str, Any]:
+    return {"capture": capture.name, "frames": len(capture.frames()), "digest": capture.digest}
 
 
 def _capture(arguments: argparse.Namespace) -> Any:

@@ -7,7 +7,7 @@ import errno
 import os
 import signal
 import sys
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from ..errors import HandbenchError
 from ..terminal import complain, printable
@@ -24,8 +24,20 @@ CODES = (
 _LONGEST = 4000  # characters of a sentence: texts of others have no end
 
 
+class Formatter(argparse.HelpFormatter):
+    """Help in which a paragraph of several lines, such as examples, keeps them."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        filled = super()._fill_text
+        paragraphs = text.strip("\n").split("\n\n")
+        return "\n\n".join(each if "\n" in each else filled(each, width, indent) for each in paragraphs)
+
+
 class Parser(argparse.ArgumentParser):
     """An argument parser whose messages repeat what was given without obeying it."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **{"formatter_class": Formatter, **options})
 
     def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
         super()._print_message(printable(message), file)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..terminal import complain, say, show
-from .shared import names
+from .shared import examples, json_option, names
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -28,7 +28,7 @@ _STYLES = {"regression": "bold red", "cannot tell": "magenta", "worse": "yellow"
 
 
 def add(verbs: Any) -> None:
-    gate = verbs.add_parser("gate", help="fail if a run is worse or slower than a baseline", epilog=_CODES)
+    gate = verbs.add_parser("gate", help="fail if a run is worse or slower than a baseline")
     gate.add_argument("candidate", type=Path, help="the folder of a run")
     gate.add_argument("--baseline", type=Path, required=True, metavar="RUN", help="the run to compare it with")
     gate.add_argument(
@@ -40,7 +40,13 @@ def add(verbs: Any) -> None:
     )
     gate.add_argument("--time", metavar="25%", help="how much longer a frame may take, or off (default: 25%%)")
     gate.add_argument("--methods", type=names, metavar="A,B", help="instead of all measured methods of the baseline")
-    gate.add_argument("--json", action="store_true", help="print the outcome as JSON")
+    json_option(gate)
+    examples(
+        gate,
+        "gate runs/new --baseline runs/main  # 1 % in quality, 25 % in time",
+        "gate runs/new --baseline runs/main --quality psnr=0.1 --time off --json",
+        below=_CODES,
+    )
     gate.set_defaults(verb=_gate)
 
 

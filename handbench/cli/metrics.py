@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..errors import InputError
+from ..errors import InputError, unknown_name
 from ..terminal import complain, say, show
+from .shared import examples, json_option, names
 
 if TYPE_CHECKING:
     from ..data.pictures import Stated
@@ -33,7 +34,15 @@ def add(verbs: Any) -> None:
     compare.add_argument("prediction", type=Path, help="EXR, PNG, JPEG or numpy file, or a folder of them")
     compare.add_argument("truth", type=Path, help="the same, of the same size")
     compare.add_argument("--mask", type=Path, help="where the hand is (default: the truth's alpha, or everywhere)")
-    compare.add_argument("--only", default="*", metavar="GLOB", help="only metrics of such a name, e.g. 'goliath-*'")
+    compare.add_argument(
+        "--metrics",
+        "--only",
+        dest="only",
+        type=names,
+        default=("*",),
+        metavar="A,B",
+        help="names or patterns: psnr,'goliath-*'",
+    )
     compare.add_argument("--sequence", action="store_true", help="files in order of name are a sequence: adds flicker")
     compare.add_argument("--pred-encoding", choices=_ENCODINGS, default="auto", help="of the prediction's values")
     compare.add_argument("--truth-encoding", choices=_ENCODINGS, default="auto", help="of the truth's values")
@@ -44,7 +53,13 @@ def add(verbs: Any) -> None:
         for option, choices in (("alpha", _ALPHAS), ("layer", None), ("part", None)):
             compare.add_argument(f"--{side}-{option}", choices=choices, help=f"--{option} of the {what} alone")
     compare.add_argument("--max-pixels", type=int, metavar="N", help="largest picture that is read (default: 2^26)")
-    compare.add_argument("--format", choices=_FORMATS, default="terminal")
+    compare.add_argument("--format", choices=_FORMATS, default="terminal", help="of the table (default: terminal)")
+    json_option(compare)
+    examples(
+        compare,
+        "metrics compare mine.png truth.png",
+        "metrics compare mine/ truth/ --metrics 'psnr,ssim,goliath-*' --format csv",
+    )
     compare.set_defaults(verb=_compare)
 
 
@@ -91,7 +106,11 @@ def _compare(arguments: argparse.Namespace) -> int:
         found.append(table.Line(FLICKER, {"": _flicker(kept, failures)}))
     told_of = list(remarks.values())
 
-    if arguments.format == "csv":
+    if arguments.json:
+        values = {line.metric.name: {file: score.value for file, score in line.scores.items()} for line in found}
+        means = {line.metric.name: line.mean for line in found}
+        tell({"values": values, "means": means, "remarks": told_of})
+    elif arguments.format == "csv":
         say(table.render_csv(found), end="")
         for remark in told_of:
             complain(f"handbench: {remark}")
@@ -106,14 +125,16 @@ def _compare(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _metrics(only: str) -> list[Any]:
+def _metrics(only: Sequence[str]) -> list[Any]:
     """The registered metrics whose name fits, with default options; those that can be aligned also so, with rgb."""
     from .. import metrics as module
     from ..registry import METRICS, Broken
 
-    fits = [n for n, e in METRICS.entries().items() if fnmatchcase(n, only) and not isinstance(e, Broken)]
-    if not fits:
-        raise InputError(f"--only {only!r} fits no metric; 'handbench list metrics' shows their names")
+    known = [name for name, entry in METRICS.entries().items() if not isinstance(entry, Broken)]
+    for pattern in only:
+        if not any(fnmatchcase(name, pattern) for name in known):
+            raise unknown_name("metric", pattern, known)
+    fits = [name for name in known if any(fnmatchcase(name, pattern) for pattern in only)]
     found = []
     for name in fits:
         found.append(module.metric(name))

@@ -3,22 +3,46 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from pathlib import Path
 from typing import Any
 
 from ..terminal import complain, say
-from .shared import cores, names, numbers, preset, report
+from .shared import (
+    chosen_methods,
+    chosen_protocol,
+    cores,
+    data_option,
+    examples,
+    json_option,
+    methods_option,
+    numbers,
+    outcome_json,
+    preset,
+    protocol_options,
+    report,
+    setting_options,
+    tell,
+)
 
 
 def add(verbs: Any) -> None:
     run = verbs.add_parser("run", help="run a protocol and write its report; finished cells are reused")
-    run.add_argument("protocol", help="a name that 'handbench list protocols' shows, or a TOML file")
-    run.add_argument("--methods", type=names, metavar="A,B", help="instead of the protocol's methods")
+    protocol_options(run)
+    methods_option(run, "the protocol's")
     run.add_argument("--seeds", type=numbers, metavar="0,1", help="instead of the protocol's seeds")
-    run.add_argument("--preset", type=preset, metavar="NAME", help="one preset for all methods")
-    run.add_argument("--out", type=Path, metavar="DIR", help="run folder (default: runs/PROTOCOL)")
-    run.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
+    setting_options(run)
+    run.add_argument(
+        "--out", type=Path, metavar="DIR", help="run folder (default: runs/PROTOCOL, and what was changed)"
+    )
+    run.add_argument(
+        "--reuse",
+        type=Path,
+        metavar="DIR",
+        help="also take what is finished from the run folders in DIR (default: those beside the run folder)",
+    )
+    run.add_argument("--fresh", action="store_true", help="take nothing from other run folders")
     run.add_argument("--device", default="cpu", help="where networks run: cpu (default), cuda, cuda:1, …")
     run.add_argument("--shard", metavar="I/N", help="only this part of the cells, for arrays of jobs on one run folder")
     run.add_argument(
@@ -27,41 +51,87 @@ def add(verbs: Any) -> None:
     run.add_argument(
         "--cpus", type=cores, metavar="N", help="with ray, cores for each cell (default: the smallest node's)"
     )
+    json_option(run)
+    examples(
+        run,
+        "run quick  # the protocol's five methods",
+        "run quick --methods 'oracle,mean,urhand*' --seeds 0,1,2  # the ablations of URHand, three seeds",
+        "run quick --methods oracle,mean,./mine.py  # a method of yours, from a file",
+        "run quick --methods urhand --set steps=500  # shorter training, in runs/quick-steps-500",
+        "run quick --subjects s05 --limit 4  # one subject, four frames of each column",
+    )
     run.set_defaults(verb=_run, resumes=True)
 
     check = verbs.add_parser("check", help="try the laws of the method interface on a method")
-    check.add_argument("method", help="a name that 'handbench list methods' shows")
+    check.add_argument("method", help="a name that 'handbench list methods' shows, or a file (./mine.py)")
     check.add_argument("--protocol", default="smoke", help="whose frames to try it on (default: smoke)")
-    check.add_argument("--preset", type=preset, metavar="NAME")
-    check.add_argument("--data", type=Path, metavar="DIR", help="where captures are kept")
+    check.add_argument("--preset", type=preset, metavar="NAME", help="the method's preset (default: the protocol's)")
+    data_option(check)
+    json_option(check)
+    examples(check, "check phong", "check ./mine.py --json")
     check.set_defaults(verb=_check)
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from ..bench.run import find_protocol, run
+    from ..bench.run import run
     from ..device import on_device
     from ..shards import Shard
 
-    protocol = find_protocol(arguments.protocol)
+    protocol = chosen_protocol(arguments)
+    methods, extra = chosen_methods(arguments.methods)
     shard = None if arguments.shard is None else Shard.parse(arguments.shard)
     command = ["handbench", *sys.argv[1:]]
-    chosen = (arguments.methods, arguments.seeds, arguments.preset, arguments.out, arguments.data)
+    out = arguments.out or Path("runs") / _folder(arguments, protocol.name)
+    chosen = (methods, arguments.seeds, arguments.preset, out, arguments.data)
+    spread = {"shard": shard, "executor": arguments.executor, "cpus": arguments.cpus}
     with on_device(arguments.device):
-        outcome = run(protocol, *chosen, command, shard=shard, executor=arguments.executor, cpus=arguments.cpus)
-    if not outcome.missing:
-        page = report(outcome.folder)
+        outcome = run(
+            protocol,
+            *chosen,
+            command,
+            extra=extra,
+            settings=arguments.settings,
+            reuse=_others(arguments, out),
+            **spread,
+        )
+    page = None if outcome.missing else report(outcome.folder, quiet=arguments.json)
+    if arguments.json:
+        tell(outcome_json(outcome, page))
+    else:
+        _say(outcome, page, shard)
+    for crash in outcome.crashed:
+        complain(f"handbench: {crash}")
+    return 1 if outcome.crashed else 0
+
+
+def _others(arguments: argparse.Namespace, out: Path) -> tuple[Path, ...]:
+    """The run folders whose finished cells are taken."""
+    from ..bench.reuse import run_folders
+    from ..errors import InputError
+
+    if arguments.reuse is not None and not arguments.reuse.is_dir():
+        raise InputError(f"--reuse {arguments.reuse} is no folder; give one that holds run folders")
+    return () if arguments.fresh else tuple(run_folders(arguments.reuse or out.resolve().parent))
+
+
+def _folder(arguments: argparse.Namespace, name: str) -> str:
+    """The run folder's name: what was narrowed or set is in it, so that it does not take the place of the whole run."""
+    changes = [*(arguments.subjects or ()), *([f"limit-{arguments.limit}"] if arguments.limit else [])]
+    changes += [f"{each.methods}-{each.name}-{each.value}" for each in arguments.settings]
+    return "-".join([name, *(re.sub(r"[^A-Za-z0-9.]+", "-", change).strip("-.") for change in changes)])[:120]
+
+
+def _say(outcome: Any, page: Path | None, shard: Any) -> None:
     part = "" if shard is None else f"shard {shard}: "
-    say(f"{part}{outcome.computed} cells computed, {outcome.reused} reused; run folder: {outcome.folder}")
-    if outcome.missing:
+    taken = f" ({outcome.taken} of other run folders)" if outcome.taken else ""
+    say(f"{part}{outcome.computed} cells computed, {outcome.reused} reused{taken}; run folder: {outcome.folder}")
+    if page is None:
         say(f"not there yet, of other shards: {len(outcome.missing)} cells, {_some(outcome.missing)}")
         say("the report is written by the shard that finishes last, or by the same command without --shard")
     else:
         say(f"report: {page}")
     for refused in outcome.refused:
         say(f"not tried: {refused}")
-    for crash in outcome.crashed:
-        complain(f"handbench: {crash}")
-    return 1 if outcome.crashed else 0
 
 
 def _some(labels: tuple[str, ...]) -> str:
@@ -69,15 +139,20 @@ def _some(labels: tuple[str, ...]) -> str:
 
 
 def _check(arguments: argparse.Namespace) -> int:
+    from ..bench.naming import named_methods
+    from ..bench.plan import method_entries
     from ..bench.run import find_protocol
-    from ..registry import METHODS
 
-    METHODS.entry(arguments.method)
+    (name, *_), extra = named_methods((arguments.method,))
+    entry = method_entries((name,), extra)[name]
     protocol = find_protocol(arguments.protocol)
     from ..bench.check import check  # loads torch, which a mistyped name does without
 
-    verdicts = check(arguments.method, protocol, arguments.preset, arguments.data)
+    verdicts = check(entry, protocol, arguments.preset, arguments.data)
     words = {True: "holds", False: "BROKEN", None: "n/a"}
-    for verdict in verdicts:
-        say(f"{verdict.law:<12} {words[verdict.holds]:<7} {verdict.detail}")
+    if arguments.json:
+        tell([{"law": v.law, "verdict": words[v.holds], "detail": v.detail} for v in verdicts])
+    else:
+        for verdict in verdicts:
+            say(f"{verdict.law:<12} {words[verdict.holds]:<7} {verdict.detail}")
     return 1 if any(verdict.holds is False for verdict in verdicts) else 0

@@ -19,6 +19,7 @@ from handbench.errors import Unsupported
 from handbench.hand import hand_of
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.scene import Light, Mesh, Prediction, Viewpoint, needed
+from handbench.settings import UNCHANGED, Changes, parted
 
 from .. import urhand
 from ..reflectance import physical
@@ -28,10 +29,10 @@ from .tracker import create as create_tracker
 
 _APART = 0.2  # metres between the middle of a query's mesh and its wrist: a hand is smaller
 
-METHODS: dict[str, Callable[[str], Method]] = {
+METHODS: dict[str, Callable[[str, Changes], Method]] = {
     # the physical BRDF has no smaller preset than its quick one
-    "physical": lambda preset: physical.create("quick" if preset == "smoke" else preset),
-    "urhand": urhand.create,
+    "physical": lambda preset, changes: physical.create("quick" if preset == "smoke" else preset, changes),
+    "urhand": lambda preset, changes: urhand.create(preset, changes=changes),
 }
 
 
@@ -112,6 +113,7 @@ class TrackedMethod(Method):
         return TrackedPrior(self._tracker.load(folder / NAME), self._inner.load(folder / "method"))
 
 
-def create(preset: str = "quick", method: str = "physical") -> Method:
-    """One of `METHODS` on tracked meshes, both at a preset; `InputError` for an unknown one."""
-    return TrackedMethod(create_tracker(preset), METHODS[method](preset))
+def create(preset: str = "quick", method: str = "physical", changes: Changes = UNCHANGED) -> Method:
+    """One of `METHODS` on tracked meshes, both at a preset with changed settings; `InputError` for unknown ones."""
+    of_tracker, of_method = parted(changes, (NAME, "method"), f"{method}-tracked")
+    return TrackedMethod(create_tracker(preset, of_tracker), METHODS[method](preset, of_method))

@@ -14,6 +14,7 @@ from handbench.errors import InputError, NonFinite, Unsupported
 from handbench.hand import hand_model, hand_of
 from handbench.method import Progress, Recording, silent
 from handbench.scene import Array, Frame, Mesh, Pose, Topology, Viewpoint, needed
+from handbench.settings import UNCHANGED, Changes, changed
 
 from ..kit.weights import load_state, save_state
 from .config import Config, configuration
@@ -136,9 +137,9 @@ class Tracker:
         return GeometryPrior(model.to(device()))
 
 
-def create(preset: str = "quick") -> Tracker:
-    """The tracker at a preset; `InputError` for an unknown one."""
-    return Tracker(configuration(preset))
+def create(preset: str = "quick", changes: Changes = UNCHANGED) -> Tracker:
+    """The tracker at a preset with changed settings; `InputError` for unknown ones."""
+    return Tracker(changed(configuration(preset), changes, NAME))
 
 
 class Tracking:

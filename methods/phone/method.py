@@ -22,6 +22,7 @@ from handbench.render.see.raster import rasterise
 from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import KNOWN_LIGHTS, LIGHT_KINDS, Light, Prediction, Unknown, Viewpoint, needed
+from handbench.settings import UNCHANGED, Changes, changed, parted
 
 from ..kit.fittedhand import FITTABLE, LEVEL, FittedAvatar, fitted_hand
 from ..kit.picture import prediction
@@ -157,7 +158,7 @@ class PhoneKind:
     """A method of the family: what it says of itself, the method that relights, and how it takes a texture."""
 
     info: MethodInfo
-    create: Callable[[str], Method]
+    create: Callable[[str, Changes], Method]
     made: Made
 
 
@@ -183,7 +184,7 @@ URHAND = PhoneKind(
         lights=KNOWN_LIGHTS,
         fidelity="reimplementation of URHand's supplement, Sec. 3; trained here on open data",
     ),
-    urhand.create,
+    lambda preset, changes: urhand.create(preset, changes=changes),
     _urhand,
 )
 HARMONIC = PhoneKind(
@@ -199,7 +200,7 @@ HARMONIC = PhoneKind(
         fidelity="reference: no learned network",
     ),
     # the physical BRDF has no smaller preset than its quick one
-    lambda preset: physical.create("quick" if preset == "smoke" else preset),
+    lambda preset, changes: physical.create("quick" if preset == "smoke" else preset, changes),
     _physical,
 )
 
@@ -244,11 +245,17 @@ def _config(name: str, preset: str, **changes: Any) -> PhoneConfig:
     return PhoneConfig(**PRESETS[preset], **changes)
 
 
-def create_urhand(preset: str = "quick") -> Method:
-    """`urhand-phone` at a preset; `InputError` for an unknown one."""
-    return FromPhone(URHAND, _config("urhand-phone", preset), URHAND.create(preset))
+def create_urhand(preset: str = "quick", changes: Changes = UNCHANGED) -> Method:
+    """`urhand-phone` at a preset with changed settings; `InputError` for unknown ones."""
+    return _created(URHAND, _config("urhand-phone", preset), preset, changes)
 
 
-def create_harmonic(preset: str = "quick") -> Method:
-    """`sh-phone` at a preset; `InputError` for an unknown one."""
-    return FromPhone(HARMONIC, _config("sh-phone", preset, removal="joint"), HARMONIC.create(preset))
+def create_harmonic(preset: str = "quick", changes: Changes = UNCHANGED) -> Method:
+    """`sh-phone` at a preset with changed settings; `InputError` for unknown ones."""
+    return _created(HARMONIC, _config("sh-phone", preset, removal="joint"), preset, changes)
+
+
+def _created(kind: PhoneKind, config: PhoneConfig, preset: str, changes: Changes) -> Method:
+    name = kind.info.name
+    own, of_method = parted(changes, ("phone", "method"), name)
+    return FromPhone(kind, changed(config, own, name), kind.create(preset, of_method))

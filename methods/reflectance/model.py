@@ -24,6 +24,7 @@ from handbench.render.see.raster import rasterise
 from handbench.render.shade.shading import Model
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import KNOWN_LIGHTS, Array, Camera, Frame, Light, Prediction, Viewpoint, needed
+from handbench.settings import UNCHANGED, Changes, changed
 from handbench.skips import skips
 
 from ..kit.picture import prediction
@@ -226,8 +227,8 @@ def described(name: str, title: str, summary: str) -> MethodInfo:
     )
 
 
-def create(info: MethodInfo, model: Model, preset: str) -> Method:
-    """A reflectance method at a preset; `InputError` for an unknown one."""
+def create(info: MethodInfo, model: Model, preset: str, changes: Changes = UNCHANGED) -> Method:
+    """A reflectance method at a preset with changed settings; `InputError` for unknown ones."""
     if preset not in PRESETS:
         raise unknown_name(f"preset of {info.name}", preset, PRESETS)
-    return Reflectance(info, model, PRESETS[preset])
+    return Reflectance(info, model, changed(PRESETS[preset], changes, info.name))

@@ -15,6 +15,7 @@ from handbench.method import Avatar, Method, MethodInfo, PosedAvatar
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Array, Light, Prediction, Viewpoint, needed
+from handbench.settings import UNCHANGED, Changes, changed
 from handbench.skips import note, skips
 
 from ..kit.picture import prediction
@@ -114,6 +115,6 @@ class RelightableHands(Untaught):
         super().__init__(INFO, asdict(config), lambda *given: RelightableHandsAvatar(train(config, *given)))
 
 
-def create(preset: str = "quick") -> Method:
-    """RelightableHands at a preset; `InputError` for an unknown one."""
-    return RelightableHands(configuration(preset))
+def create(preset: str = "quick", changes: Changes = UNCHANGED) -> Method:
+    """RelightableHands at a preset with changed settings; `InputError` for unknown ones."""
+    return RelightableHands(changed(configuration(preset), changes, INFO.name))

@@ -17,6 +17,7 @@ from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Pro
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import KNOWN_LIGHTS, Camera, Light, Prediction, Viewpoint, needed
+from handbench.settings import UNCHANGED, Changes, changed
 
 from ..ablations import ABLATIONS
 from ..kit.picture import prediction
@@ -131,12 +132,13 @@ class URHand(Method):
         return URHandPrior(model.to(device()), joints)
 
 
-def create(preset: str = "quick", ablation: str | None = None) -> Method:
-    """URHand at a preset, or one of its `ABLATIONS` at it."""
+def create(preset: str = "quick", ablation: str | None = None, changes: Changes = UNCHANGED) -> Method:
+    """URHand at a preset, or one of its `ABLATIONS` at it, with changed settings; `InputError` for unknown ones."""
     config, named = configuration(preset), INFO
     if ablation is not None:
         variant = ABLATIONS[ablation]
         config = replace(config, **variant.overrides)
         named = replace(INFO, name=f"urhand-{ablation}", title=variant.title, summary=variant.summary)
+    config = changed(config, changes, named.name)
     lights = INFO.lights if config.near_lights else INFO.lights - {"point"}
     return URHand(config, replace(named, linear=config.linear, lights=lights))

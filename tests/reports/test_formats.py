@@ -13,6 +13,7 @@ from rich.console import Console
 
 from handbench.reports import render_csv, render_latex, render_markdown, render_terminal, table
 from handbench.reports.model import Table
+from handbench.reports.style import Style
 
 NASTY = r"50% of_{all} & #1 $x$ ~^ \ <a|b>"
 
@@ -75,19 +76,22 @@ def test_latex_is_balanced_and_escaped(result: Table, compared: Table) -> None:
 def test_latex_uses_booktabs_and_the_kernel_alone(compared: Table) -> None:
     known = "begin end toprule midrule bottomrule cmidrule multicolumn shortstack caption centering footnotesize tiny"
     known += " setlength tabcolsep medskip par smallskip textbf underline textsuperscript uparrow downarrow"
+    known += " parbox linewidth raggedright cdot"
     known += " textbackslash textasciitilde textasciicircum textless textgreater textbar usepackage"
     assert set(re.findall(r"\\([a-zA-Z]+)", render_latex(_nasty(compared)))) <= set(known.split())
     assert render_latex(compared).startswith("% needs \\usepackage{booktabs}\n")
 
 
 def test_latex_says_how_much_a_value_covers(result: Table) -> None:
-    (line,) = (line for line in render_latex(result).splitlines() if line.strip().startswith("Phong"))
+    text = render_latex(result, Style(width=20))
+    (line,) = (line for line in text.splitlines() if line.strip().startswith("Phong"))
     assert line.count(r"{\tiny 16/24}") == 6 and line.count(r"{\tiny 15/24}") == 3
     assert r"\textsuperscript{a,b}" in line or r"\textsuperscript{a}" in line
 
 
 def test_latex_marks_best_and_second(result: Table) -> None:
-    lines = {line.split(" & ")[0].strip(): line for line in render_latex(result).splitlines() if line.endswith(r"\\")}
+    text = render_latex(result, Style(width=20))
+    lines = {line.split(" & ")[0].strip(): line for line in text.splitlines() if line.endswith(r"\\")}
     assert lines["URHand"].count(r"\textbf{") == 9 and r"\underline" not in lines["URHand"]
     assert lines[r"Physical\_BRDF \& fit"].count(r"\underline{") == 9
     assert r"\textbf" not in lines["Oracle"] + lines["Mean"] + lines["Phong"]
@@ -96,7 +100,7 @@ def test_latex_marks_best_and_second(result: Table) -> None:
 def test_latex_folds_a_wide_table_at_groups(result: Table) -> None:
     columns = tuple(column for column in result.columns for _ in range(2))
     rows = tuple(replace(row, cells=tuple(cell for cell in row.cells for _ in range(2))) for row in result.rows)
-    text = render_latex(replace(result, columns=columns, rows=rows))
+    text = render_latex(replace(result, columns=columns, rows=rows), Style(wide=True))
     assert re.findall(r"\\begin\{tabular\}\{(\w+)\}", text) == ["l" + "r" * 6] * 3
 
 
@@ -157,8 +161,9 @@ def test_differences_are_in_every_format(compared: Table) -> None:
     assert f"| Physical\\_BRDF & fit | {text} |".replace("\\_", "_") in render_markdown(compared)
     printed = _printed(compared, 120)
     assert f"−{value}" in printed and f"[−{low}, −{high}]" in printed and "difference to URHand" in printed
-    latex = f"\\shortstack[r]{{$-${value}\\\\\\tiny {{[}}$-${low}, $-${high}{{]}}\\\\\\tiny p 0.5}}"
-    assert latex in render_latex(compared) and r"\end{table}" in render_latex(compared).split("Paired differences")[1]
+    apart_alone = render_latex(compared, Style(intervals=True)).split("differences to URHand")[1]
+    assert f"& $-${value} &" in apart_alone and f"{{\\tiny {{[}}$-${low}, $-${high}{{]}}}}" in apart_alone
+    assert "Oracle" not in apart_alone and "Mean" not in apart_alone and r"\end{table}" in apart_alone
     lines = csv.DictReader(io.StringIO(render_csv(compared)))
     (line,) = (x for x in lines if (x["method"], x["column"], x["metric"]) == ("physical", "unseen-segment", "psnr"))
     assert line["baseline"] == "URHand" and float(line["difference"]) == apart.value

@@ -1,0 +1,6 @@
+"""`python -m handbench` is `handbench`."""
+
+from .cli import command
+
+if __name__ == "__main__":
+    command()

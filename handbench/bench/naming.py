@@ -1,0 +1,38 @@
+"""Methods as a user names them: registered names, patterns of them, and files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from ..errors import unknown_name
+from ..localfile import entry_of, is_file
+from ..registry import METHODS, Broken, Entry
+
+
+def named_methods(names: Iterable[str]) -> tuple[tuple[str, ...], tuple[Entry, ...]]:
+    """The names of methods, and those that are not registered: "urhand", "urhand-*", "./mine.py".
+
+    Raises `InputError` for a pattern that fits no method and for a file that cannot be used.
+    """
+    found: list[str] = []
+    extra: list[Entry] = []
+    for name in names:
+        if is_file(name):
+            extra.append(entry_of(Path(name)))
+            found.append(extra[-1].name)
+        elif set("*?[") & set(name):
+            found += matching(name)
+        else:
+            found.append(name)
+    return tuple(dict.fromkeys(found)), tuple(extra)
+
+
+def matching(pattern: str) -> list[str]:
+    """The registered methods that a pattern fits. Raises `InputError` if there is none."""
+    known = [name for name, entry in METHODS.entries().items() if not isinstance(entry, Broken)]
+    fitting = [name for name in known if fnmatchcase(name, pattern)]
+    if not fitting:
+        raise unknown_name("method", pattern, known)
+    return fitting

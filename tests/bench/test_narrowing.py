@@ -1,0 +1,49 @@
+"""Less of a protocol is another protocol, which trains the same."""
+
+from __future__ import annotations
+
+import pytest
+
+from handbench.bench.narrowing import narrowed
+from handbench.bench.plan import make_plan
+from handbench.bench.run import run
+from handbench.errors import InputError
+from handbench.reports import table
+
+
+def test_one_subject_is_scored_and_all_are_trained_on(fakes, toy_protocol, tmp_path):
+    protocol = narrowed(toy_protocol(), ("s02",))
+    assert [column.name for column in protocol.columns] == ["subject"] and protocol.subjects == ("s02",)
+    assert run(protocol, out=tmp_path).computed == 1
+    found = table(tmp_path)
+    assert found.title == "Toy: only s02 (toy@1)"
+    assert all(cell.complete for row in found.rows for cell in row.cells), "what is left out is not missing"
+
+
+def test_a_training_is_shared_with_the_whole_protocol_and_cells_are_not(fakes, toy_protocol):
+    whole, part = (make_plan(each, "digest").cells for each in (toy_protocol(), narrowed(toy_protocol(), ("s02",))))
+    assert part[0].prior == whole[1].prior and part[0].key != whole[1].key
+
+
+def test_a_limit_keeps_the_lower_of_two(toy_protocol, toy_table):
+    columns = toy_table()["column"]
+    columns[0]["limit"] = 1
+    protocol = narrowed(toy_protocol(column=columns), limit=2)
+    assert [column.limit for column in protocol.columns] == [1, 2, 2, 2]
+    assert protocol.title == "Toy: at most 2 frames a column"
+    assert narrowed(protocol) is protocol
+
+
+def test_published_values_of_columns_that_go_go_too(toy_protocol):
+    published = [
+        {"method": "toy", "title": "T", "source": "A", "values": {"light": {"psnr": 3}, "subject": {"psnr": 4}}}
+    ]
+    (row,) = narrowed(toy_protocol(published=published), ("s02",)).published
+    assert row.values == (("subject", "psnr", 4.0),)
+
+
+def test_what_is_not_there_is_refused(toy_protocol):
+    with pytest.raises(InputError, match="unknown subject of protocol toy@1: 's03'; did you mean"):
+        narrowed(toy_protocol(), ("s03",))
+    with pytest.raises(InputError, match="limit is 0; give at least 1"):
+        narrowed(toy_protocol(), limit=0)
