@@ -18,7 +18,7 @@ from .pareto import plots
 from .pareto_figures import pareto_figures
 from .pictures import Sheet, grid
 from .run import Run, read_run
-from .selection import ALL, Selection
+from .selection import Selection
 
 _MOST = 12  # frames that a pattern may fit: each is a line of pictures
 
@@ -45,7 +45,8 @@ class Figures:
 
 
 def write_figures(run_folder: Path, selection: Selection, figures: Figures, out: Path) -> Iterator[Path]:
-    """Write figures as PNG and PDF into a folder, and tell each file: frames, and score against time.
+    """Write figures as PNG and PDF into a folder, and tell each file: the frames that are asked for, or else typical
+    ones, and score against time.
 
     Raises `InputError` for a frame that the run does not have, and for a run without the truth of it.
     """
@@ -58,7 +59,7 @@ def write_figures(run_folder: Path, selection: Selection, figures: Figures, out:
     if not shown:
         raise InputError(f"{run_folder} keeps no truth of these frames; run it with the method oracle")
     made = [*_pictures(shown, table.metrics[0], figures.sheet, bool(queries))]
-    made += pareto_figures(plots(table), figures.width, figures.dpi) if selection != ALL or not queries else []
+    made += pareto_figures(plots(table), figures.width, figures.dpi) if not queries else []
     for name, files in made:
         for kind, content in files.items():
             path = out / f"{name}.{kind}"

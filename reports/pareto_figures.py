@@ -11,6 +11,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from .model import UNEQUAL_NOTE
 from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments
@@ -19,6 +20,7 @@ from .pictures import DPI, STYLE, saved
 _SCALE = 105.0  # units of a drawing in an inch
 _COLUMNS = 4
 _INK, _SOFT, _LINE, _FRONT = "#1d1c1a", "#6a665f", "#dcd7cf", "#9a4a22"
+_HALO = withStroke(linewidth=2.0, foreground="white")  # a name stays readable over the bar of an interval
 _TITLE, _HEAD = 22, -11  # the space above a drawing, and the middle of the line in it
 _LINE_HEIGHT, _LETTER = 13, 5.6  # of the note below all drawings
 _MARKS: dict[str, Any] = {
@@ -89,7 +91,9 @@ def _panel(axes: Axes, plot: Plot) -> None:
         axes.plot([x], [y], ls="", **{"ms": 5.0, "mew": 0.9, "zorder": 3, **_MARKS[point.kind]})
         align = {"start": "left", "middle": "center", "end": "right"}[label.anchor]
         colour = _SOFT if point.kind == "calibration" else _INK
-        axes.text(label.x, label.y, label.text, ha=align, color=colour, zorder=4, parse_math=False)
+        axes.text(
+            label.x, label.y, label.text, ha=align, color=colour, zorder=4, parse_math=False, path_effects=[_HALO]
+        )
     axes.text(FRAME.left, _HEAD, plot.group.title, size=9, va="center", parse_math=False)
     axes.text(FRAME.left, 9, plot.upwards, color=_SOFT, parse_math=False)
     axes.text((FRAME.left + FRAME.right) / 2, FRAME.bottom + 30, TIMES[plot.time], ha="center")

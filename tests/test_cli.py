@@ -158,7 +158,7 @@ def test_run_writes_the_report_and_says_where(monkeypatch, capsys, tmp_path, cra
 
 @pytest.mark.parametrize(("holds", "code"), [(True, 0), (None, 0), (False, 1)])
 def test_a_broken_law_is_exit_code_1(monkeypatch, capsys, holds, code):
-    monkeypatch.setattr(check, "check", lambda *arguments: [check.Verdict("linear", holds, "largest deviation 1e-9")])
+    monkeypatch.setattr(check, "check", lambda *arguments: [check.Finding("linear", holds, "largest deviation 1e-9")])
     assert main(["check", "urhand"]) == code
     assert "largest deviation" in capsys.readouterr().out
 
@@ -169,8 +169,8 @@ def test_report_of_a_folder_without_a_run(tmp_path, capsys):
 
 
 def test_report_formats(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr(handbench.reports, "table", lambda *folders, baseline: SimpleNamespace(of=folders[0]))
-    monkeypatch.setattr(handbench.reports, "render_latex", lambda table: f"latex of {table.of}\n")
+    monkeypatch.setattr(handbench.reports, "table", lambda *folders, **chosen: SimpleNamespace(of=folders[0]))
+    monkeypatch.setattr(handbench.reports, "render_latex", lambda table, style: f"latex of {table.of}\n")
     assert main(["report", str(tmp_path), "--format", "latex"]) == 0
     assert capsys.readouterr().out == f"latex of {tmp_path}\n"
 

@@ -154,7 +154,7 @@ def test_links_are_followed(files, tmp_path, capsys) -> None:
         (["p.exr", "true"], "prediction p.exr is a file, but a folder was given too"),
         (["p.exr", "small.exr"], "p.exr is 40x48 pixels and small.exr is 40x30"),
         (["p.exr", "t.exr", "--mask", "small.exr"], "small.exr is 40x30 pixels and t.exr is 40x48"),
-        (["p.exr", "t.exr", "--only", "pnsr"], "--only 'pnsr' fits no metric"),
+        (["p.exr", "t.exr", "--only", "pnsr"], "unknown metric 'pnsr'; did you mean 'psnr'"),
         (["pred", "true"], "truth folder true lacks f0, f2; pictures of equal names are compared"),
         (["nan.npy", "t.exr"], "nan.npy holds 5760 values that are NaN or infinite"),
         (["empty", "true"], "folder empty holds no pictures"),

@@ -1,0 +1,85 @@
+"""The documentation: it builds without a warning, says what the program does, and its tutorial runs."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from handbench.cli import parser
+
+ROOT = Path(__file__).parents[1]
+DOCS = sorted((ROOT / "docs").rglob("*.md"))
+
+
+def site():
+    spec = importlib.util.spec_from_file_location("site_hooks", ROOT / "maintainer" / "site.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_tutorial_runs(tmp_path, monkeypatch, capsys):
+    """Cell by cell in one namespace, as a kernel would: an error is a failure."""
+    monkeypatch.chdir(tmp_path)
+    cells = json.loads((ROOT / "examples" / "tutorial.ipynb").read_text())["cells"]
+    found: dict = {}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), cell["id"], "exec"), found)
+    out = capsys.readouterr().out
+    assert found["results"].mean("psnr", found["columns"][0])["oracle"] == 100.0
+    assert "2 cells computed, 4 taken from the first run" in out
+
+
+def test_the_reference_has_every_verb_and_every_preset():
+    pages = site()
+    told = pages.commands()
+    for name, verb in pages.verbs(parser()):
+        assert f"## handbench {name}\n" in told
+        for action in verb._actions:
+            assert all(option in told for option in action.option_strings if option not in ("-h", "--help"))
+    assert re.search(r"\| `steps` \| 30 \| 600 \| 2000 \| 20000 \|", pages.presets())
+    assert "| `lpips-vgg` |" in pages.names()
+
+
+@pytest.mark.parametrize("path", DOCS, ids=lambda path: path.name)
+def test_commands_in_the_documentation_are_commands(path):
+    """Every `handbench …` in code can be parsed: no flag is made up, none is forgotten after a change."""
+    text = path.read_text(encoding="utf-8")
+    blocks = re.findall(r"`(handbench [^`]*)`", text.replace("\n", " "))
+    blocks += [
+        line.strip() for block in re.findall(r"^(?: {4}.*\n)+", text, re.MULTILINE) for line in block.splitlines()
+    ]
+    for line in blocks:
+        if not line.startswith("handbench ") or re.search(r"[…\\]|VERB|\$\(|\| |NAME=|\.\.\.", line):
+            continue
+        try:
+            words = shlex.split(line.split("  ")[0], comments=True)
+        except ValueError:
+            continue
+        words = words[: next((i for i, word in enumerate(words) if word.startswith((">", "|", "&"))), None)]
+        try:
+            parser().parse_args(words[1:])
+        except SystemExit as stop:
+            required = re.fullmatch(r"handbench( [a-z]+){1,2}", " ".join(words))  # a verb that is only named
+            assert stop.code == 0 or required, f"{path.name}: {line}"
+
+
+def test_the_site_is_built_without_a_warning(tmp_path):
+    pytest.importorskip("mkdocs", reason="the extra 'docs' is not installed; 'make docs' installs it")
+    pytest.importorskip("mkdocstrings", reason="the extra 'docs' is not installed; 'make docs' installs it")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr[-3000:]
+    for page in ("index.html", "tutorial/index.html", "reference/python/index.html"):
+        assert (tmp_path / "site" / page).is_file()
+    assert "handbench.interface.run" in (tmp_path / "site" / "reference" / "python" / "index.html").read_text()
