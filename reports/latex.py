@@ -33,6 +33,7 @@ from .texletters import GUARD
 _Text: TypeAlias = Callable[[Aggregate, Column], str]
 _STARRED = r"* $p<0.05$, ** $p<0.01$, *** $p<0.001$, corrected over the methods of a column (Holm)."
 _STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
+_OPEN, _SUNK = r"\rlap{\textsuperscript{$\circ$}}", r"\,{\tiny $\bigtriangledown$}"
 _POINT = 72.27  # in an inch
 _GAP = 6.0  # points between columns: twice \tabcolsep
 _TINY = 0.72  # of the width of \footnotesize
@@ -89,6 +90,10 @@ def _caption(table: Table, title: str, style: Style) -> str:
 def _notes(table: Table) -> list[str]:
     notes = [f"\\textsuperscript{{{letter(i)}}}\\,{latex(note)}." for i, note in enumerate(table.footnotes, start=1)]
     notes += [latex(remark) for remark in table.remarks]
+    if table.unclaimed:
+        notes.append(r"\textsuperscript{$\circ$}\,holds for these hands, cannot be claimed for others (paired test).")
+    if table.sunk:
+        notes.append(f"{_SUNK}\\,not better than the floor, so never best.")
     return notes + ([f"{latex(UNEQUAL_NOTE)}."] if table.unequal else [])
 
 
@@ -234,7 +239,7 @@ def _cell(style: Style) -> _Text:
     def text(cell: Aggregate, column: Column) -> str:
         value = latex(number(cell.value, column.metric.decimals))
         value = {0: value, 1: f"\\textbf{{{value}}}", 2: f"\\underline{{{value}}}"}[cell.rank]
-        value += latex(UNEQUAL) * cell.unequal
+        value += _OPEN * (cell.rank > 0 and not cell.claimed) + _SUNK * cell.sunk + latex(UNEQUAL) * cell.unequal
         if style.seeds and cell.spread is not None:
             value += f"\\,{{\\tiny $\\pm$ {latex(number(cell.spread, column.metric.decimals))}}}"
         gap = "" if cell.complete else f"\\,{{\\tiny {cell.covered}/{cell.expected}}}"

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..terminal import complain, say
-from .shared import preset, seed
+from .shared import json_option, preset, seed, tell
 
 if TYPE_CHECKING:
     from ..avatars.portrait import Portrait
     from ..bench.progress import Steps
 
 _EXAMPLES = """\
-for example:
+examples:
   handbench personalise uhm --from my-hand --out me.avatar
   handbench personalise urhand-phone --from my-scan --prior runs/phone --out me.avatar
   handbench personalise urhand --run runs/quick --subject s05 --out s05.avatar
@@ -45,6 +45,7 @@ def add(verbs: Any) -> None:
     personalise.add_argument("--data", type=Path, metavar="DIR", help="with --run: where captures are kept")
     personalise.add_argument("--licence", metavar="TEXT", help="what must be known before the avatar is given away")
     personalise.add_argument("--device", default="cpu", help="where networks run: cpu (default), cuda, cuda:1, …")
+    json_option(personalise)
     personalise.set_defaults(verb=_personalise)
 
 
@@ -60,6 +61,10 @@ def _personalise(arguments: argparse.Namespace) -> int:
         portrait = _from_folder(arguments, told) if arguments.run is None else _from_run(arguments, told)
         write_avatar(portrait, arguments.out)
     shown = portrait.repertoire
+    if arguments.json:
+        about = {"postures": len(shown.postures), "cameras": len(shown.cameras), "licence": portrait.licence}
+        tell({"avatar": str(arguments.out), "method": portrait.info.name, "source": str(portrait.source), **about})
+        return 0
     say(f"{portrait.info.title}: {portrait.source}")
     say(f"{len(shown.postures)} poses, {len(shown.cameras)} cameras; licence: {portrait.licence}")
     say(arguments.out)

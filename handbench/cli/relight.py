@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..terminal import complain, say
-from .shared import names, seed
+from .shared import json_option, names, seed, tell
 
 if TYPE_CHECKING:
     from ..avatars.portrait import Portrait
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..scene import Pose
 
 _EXAMPLES = """\
-for example:
+examples:
   handbench relight me.avatar --light studio.exr --turn-light --out me.mp4
   handbench relight me.avatar --light hall --light park:exposure=1 --out stills.png
   handbench relight --run runs/quick --methods urhand,physical --subject s05 --light hall --turntable --out both.mp4
@@ -60,6 +60,7 @@ def add(verbs: Any) -> None:
     relight.add_argument(
         "--format", choices=("png", "exr"), default="png", help="of the pictures in a folder (exr: linear, not exposed)"
     )
+    json_option(relight)
     relight.set_defaults(verb=_relight, resumes=True)
 
 
@@ -118,10 +119,17 @@ def _relight(arguments: argparse.Namespace) -> int:
         named = _names(shown)
         exposure = exposure_of(frames) if arguments.exposure is None else 2.0**arguments.exposure
         _write(arguments, Tiles(frames, named, exposure), wish)
-        for portrait, (name, time) in enumerate(zip(named, times, strict=True)):
-            unsteady = flicker_of(frames, portrait, exposure) if wish.still_view else None
-            say(f"{name}: {time}" + ("" if unsteady is None else f"; flicker {unsteady:.4f}"))
+        unsteady = [flicker_of(frames, i, exposure) if wish.still_view else None for i in range(len(named))]
         frames.remove()
+    if arguments.json:
+        drawn = [
+            {"name": name, "time": str(time), "flicker": flicker}
+            for name, time, flicker in zip(named, times, unsteady, strict=True)
+        ]
+        tell({"out": str(out), "exposure": exposure, "frames": frames.count, "avatars": drawn})
+        return 0
+    for name, time, flicker in zip(named, times, unsteady, strict=True):
+        say(f"{name}: {time}" + ("" if flicker is None else f"; flicker {flicker:.4f}"))
     say(f"exposure: {exposure:.3g} ({frames.count} frames)")
     say(out)
     return 0
