@@ -46,7 +46,8 @@ class Config:
     normals_from, light_from    share of the steps from which on normals and curvature, and physical colours, count
     rays, patch     rays of a step beside one patch of so many pixels along a side
     scan_points     points of the scan a step; 0: geometry from pictures alone, as the seed
-    scattered       places and directions a ray in physical colours (code: 512)
+    scattered       directions a ray in physical colours (code: 512), each at a place of its own; or all of them at each
+                    of `places`, which with few of them leaves less noise (seed and code: None)
     gaussians       spherical Gaussians of the studio's light (seed: 8, code: 64)
     register        fit the hand model to scans before training: tracked poses are off by some millimetres
     rate, warmup    of Adam, see `Budget`. The seed decays exponentially, the code does not; the code trains geometry
@@ -97,7 +98,8 @@ class Config:
     rays: int = 384
     patch: int = 24
     scan_points: int = 512
-    scattered: int = 16
+    scattered: int = 96
+    places: int | None = 1
     gaussians: int = 16
     register: bool = True
     rate: tuple[float, float] = (5e-3, 5e-4)
@@ -160,6 +162,7 @@ _SEED = Config(
     patch=32,
     scan_points=0,
     scattered=64,
+    places=None,
     gaussians=8,
     register=False,
     rate=(5e-4, 5e-5),
@@ -180,7 +183,7 @@ PRESETS = {
         rays=64,
         patch=16,
         scan_points=256,
-        scattered=4,
+        scattered=24,
         register=False,
     ),
     "quick": Config(),
@@ -226,6 +229,7 @@ PRESETS = {
         reach=8e-3,
         steps=24_000,
         scattered=128,
+        places=1,
         gaussians=64,
         rate=(1e-3, 1e-4),
         warmup=500,

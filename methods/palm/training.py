@@ -106,7 +106,9 @@ class Lesson:
         if config.physical and share >= config.light_from:
             shadows = MeshOccluder(PosedMesh(pose.mesh))
             gaussians = self.model.light.gaussians()
-            made = physical(posed, found, rays.directions, gaussians, shadows, config.scattered, rng)
+            made = physical(
+                posed, found, rays.directions, gaussians, shadows, config.scattered, rng, places=config.places
+            )
             shown = losses.colours(made, found.alpha.detach(), rays, background)
             terms["physical"] = config.physical * (shown[0] - shown[1]).abs().mean()
         return {**terms, **self._latent(sample)}
