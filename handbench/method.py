@@ -29,7 +29,7 @@ from typing import Any, Literal, Protocol, final, get_args
 
 from .errors import InputError, Unsupported, unknown_name
 from .recording import NEEDS, Need, Recording
-from .scene import LIGHT_KINDS, Camera, Light, LightKind, Pose, Prediction, Query, Viewpoint
+from .scene import LIGHT_KINDS, Baked, Camera, Light, LightKind, Pose, Prediction, Query, Viewpoint
 
 
 class Progress(Protocol):
@@ -136,6 +136,13 @@ class Avatar(ABC):
         Raises `Unsupported` for a method whose avatars cannot be kept.
         """
         raise Unsupported(f"a {type(self).__name__} cannot be kept; show it from its run, or personalise it anew")
+
+    def baked(self, viewpoint: Viewpoint) -> Baked:
+        """The posed surface with its reflectance as textures, for renderers elsewhere; the camera plays no part.
+
+        Raises `Unsupported` for a method whose look is no reflectance, or one that such textures cannot hold.
+        """
+        raise Unsupported(f"a {type(self).__name__} has no reflectance that can be baked into textures")
 
     @property
     def found(self) -> Mapping[str, Pose]:

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from .process import Stops
 
 _MODULES = (
-    *("run", "report", "gate", "catalogue", "data", "studies", "score", "audit", "metrics", "personalise", "relight"),
-    *("cache", "completion"),
+    *("run", "report", "gate", "catalogue", "data", "studies", "score", "audit", "metrics"),
+    *("personalise", "relight", "view", "export", "cache", "completion"),
 )
 _START = """\
 examples:

@@ -8,6 +8,7 @@ Light directions are unit vectors from the surface to the light.
 from __future__ import annotations
 
 from .arrays import Array
+from .baked import Baked
 from .camera import Box, Camera, Uncalibrated
 from .frame import Frame, Pose, Query, UnreadPose, Viewpoint, needed
 from .light import (
@@ -37,6 +38,7 @@ __all__ = [
     "KNOWN_LIGHTS",
     "LIGHT_KINDS",
     "Array",
+    "Baked",
     "Box",
     "Camera",
     "Directional",

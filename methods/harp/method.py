@@ -11,9 +11,10 @@ from types import MappingProxyType
 import numpy as np
 import torch
 
+from handbench.errors import Unsupported
 from handbench.hand import hand_model
 from handbench.method import Avatar, MethodInfo, PosedAvatar, Progress, Recording
-from handbench.scene import LIGHT_KINDS, Light, Mesh, Pose, Prediction, Unknown, Viewpoint, needed
+from handbench.scene import LIGHT_KINDS, Baked, Light, Mesh, Pose, Prediction, Unknown, Viewpoint, needed
 
 from ..kit.albedo import Canvas, flat
 from ..kit.colourspace import to_linear
@@ -88,6 +89,17 @@ class HarpAvatar(Avatar):
     @property
     def found(self) -> Mapping[str, Pose]:
         return self._found
+
+    def baked(self, viewpoint: Viewpoint) -> Baked:
+        """Raises `Unsupported` for normals in other frames than the texture's."""
+        look, config = self.look, self.look.config
+        if config.tangents != "uv":
+            raise Unsupported("HARP's normals are in frames of its own here; fit it with tangents along the texture")
+        albedo = to_linear(look.albedo, config.space).permute(1, 2, 0).clamp_min(0.0)
+        rough = np.full(albedo.shape[:2], 1.0 if config.gloss is None else config.gloss)
+        normal = torch.nn.functional.normalize(look.normal_map.permute(1, 2, 0), dim=2)
+        mesh = look.mesh(needed(viewpoint.pose, "pose"))
+        return Baked(mesh, albedo.numpy(), rough, float(config.gloss is not None), normal.numpy())
 
     def save(self, folder: Path) -> None:
         """Shape, displacements, textures and light; pictures of the person are not kept."""

@@ -17,7 +17,7 @@ from handbench.recording import Need
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.unwrap import Projected, TexelSurface
-from handbench.scene import Array, Camera, Frame, Light, Mesh, Pose, Prediction, Viewpoint, needed
+from handbench.scene import Array, Baked, Camera, Frame, Light, Mesh, Pose, Prediction, Viewpoint, needed
 
 from .weights import load_state, save_state
 
@@ -124,6 +124,9 @@ class FittedAvatar(Avatar):
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
         mesh = self._hand.posed(viewpoint)
         return PosedFitted(self._inner.pose(replace(viewpoint, mesh=mesh)), mesh)
+
+    def baked(self, viewpoint: Viewpoint) -> Baked:
+        return self._inner.baked(replace(viewpoint, mesh=self._hand.posed(viewpoint)))
 
     @property
     def found(self) -> dict[str, Pose]:

@@ -21,7 +21,7 @@ from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Pro
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.posed import PosedSurface
-from handbench.scene import KNOWN_LIGHTS, LIGHT_KINDS, Light, Prediction, Unknown, Viewpoint, needed
+from handbench.scene import KNOWN_LIGHTS, LIGHT_KINDS, Baked, Light, Prediction, Unknown, Viewpoint, needed
 from handbench.settings import UNCHANGED, Changes, changed, parted
 
 from ..kit.fittedhand import FITTABLE, LEVEL, FittedAvatar, fitted_hand
@@ -128,6 +128,9 @@ class UnderOwnLight(Avatar):
         texture = self._atlas.dilate(self._atlas.scatter(self._colour * shading))
         own = prediction(rasterise(surface.mesh, viewpoint.camera), texture)
         return PosedUnderOwnLight(self._inner.pose(viewpoint), own)
+
+    def baked(self, viewpoint: Viewpoint) -> Baked:
+        return self._inner.baked(viewpoint)
 
     def save(self, folder: Path) -> None:
         solved = {"colour": self._solved.colour, "light": self._solved.light}

@@ -6,6 +6,7 @@ that gave T, which turns the fully lit texture into an albedo up to scale.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from handbench.recording import Need
 from handbench.render.see.raster import rasterise
 from handbench.render.shade.shading import Model
 from handbench.render.uv.posed import PosedSurface
-from handbench.scene import KNOWN_LIGHTS, Array, Camera, Frame, Light, Prediction, Viewpoint, needed
+from handbench.scene import KNOWN_LIGHTS, Array, Baked, Camera, Frame, Light, Prediction, Viewpoint, needed
 from handbench.settings import UNCHANGED, Changes, changed
 from handbench.skips import skips
 
@@ -86,6 +87,15 @@ class ReflectanceAvatar(Avatar):
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
         return PosedReflectance(self._texture, self._prior, viewpoint)
+
+    def baked(self, viewpoint: Viewpoint) -> Baked:
+        """Raises `Unsupported` for Phong's lobe, which is none of glTF's."""
+        prior = self._prior
+        if prior.model != "brdf":
+            raise Unsupported(f"{prior.name} has a lobe that such textures cannot hold; export another method's avatar")
+        albedo = math.pi * prior.diffuse * self._texture.permute(1, 2, 0).clamp_min(0.0)
+        roughness = np.full(albedo.shape[:2], prior.roughness)
+        return Baked(needed(viewpoint.mesh, "mesh"), albedo.numpy(), roughness, prior.specular)
 
     def save(self, folder: Path) -> None:
         prior = self._prior

@@ -13,7 +13,7 @@ from handbench.hand import hand_model
 from handbench.method import Avatar, MethodInfo, PosedAvatar, Progress, Recording
 from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.posed import PosedSurface
-from handbench.scene import LIGHT_KINDS, Camera, Light, Mesh, Pose, Prediction, Unknown, Viewpoint, needed
+from handbench.scene import LIGHT_KINDS, Baked, Camera, Light, Mesh, Pose, Prediction, Unknown, Viewpoint, needed
 
 from ..kit.albedo import Canvas
 from ..kit.colourspace import to_linear
@@ -85,6 +85,13 @@ class UhmAvatar(Avatar):
     @property
     def found(self) -> dict[str, Pose]:
         return self.person.hand.found
+
+    def baked(self, viewpoint: Viewpoint) -> Baked:
+        config, mesh = self.person.config, self.person.mesh(needed(viewpoint.pose, "pose"))
+        atlas = Atlas.of(mesh.topology, config.texture)
+        albedo = atlas.dilate(atlas.scatter(to_linear(self.person.texture, config.space))).permute(1, 2, 0)
+        rough = np.full(albedo.shape[:2], 1.0 if config.gloss is None else config.gloss)
+        return Baked(mesh, albedo.clamp_min(0.0).numpy(), rough, float(config.gloss is not None))
 
     def save(self, folder: Path) -> None:
         """The hand and its textures; pictures of the person are not kept."""

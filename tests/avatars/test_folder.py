@@ -17,11 +17,11 @@ from handbench.method import Avatar
 
 
 @pytest.fixture
-def kept(portrait: Portrait, tmp_path: Path) -> Path:
-    return write_avatar(portrait, tmp_path / "me.avatar")
+def kept(whole_portrait: Portrait, tmp_path: Path) -> Path:
+    return write_avatar(whole_portrait, tmp_path / "me.avatar")
 
 
-def test_what_is_read_draws_what_was_written(portrait: Portrait, kept: Path) -> None:
+def test_what_is_read_draws_what_was_written(whole_portrait: Portrait, kept: Path) -> None:
     found = read_avatar(kept)
     light = NamedLight("hall").read()
     for posture, view in (("rest", "front"), ("turned", "wide")):
@@ -29,34 +29,34 @@ def test_what_is_read_draws_what_was_written(portrait: Portrait, kept: Path) -> 
             p.avatar.pose(p.repertoire.viewpoint(p.repertoire.posture(posture), p.repertoire.camera(view))).relight(
                 light
             )
-            for p in (portrait, found)
+            for p in (whole_portrait, found)
         )
         assert np.array_equal(one.image, other.image) and one.image.max() > 0.01
-    assert found.name == "me" and found.repertoire.views == portrait.repertoire.views
+    assert found.name == "me" and found.repertoire.views == whole_portrait.repertoire.views
     assert found.repertoire.body is not None and found.repertoire.body.hand == "openhand"
     record = read_record(kept)
     assert (record.method, record.licence, record.subject) == ("physical", "none", "me")
     assert not [path for path in kept.rglob("*") if path.suffix in (".pkl", ".pt", ".pickle")]
 
 
-def test_an_avatar_replaces_an_avatar_and_nothing_else(portrait: Portrait, kept: Path, tmp_path: Path) -> None:
-    write_avatar(replace(portrait, licence="mine"), kept)
+def test_an_avatar_replaces_an_avatar_and_nothing_else(whole_portrait: Portrait, kept: Path, tmp_path: Path) -> None:
+    write_avatar(replace(whole_portrait, licence="mine"), kept)
     assert read_record(kept).licence == "mine"
     (tmp_path / "papers").mkdir()
     (tmp_path / "papers" / "thesis.tex").write_text("years")
     with pytest.raises(StorageError, match="is no avatar"):
-        write_avatar(portrait, tmp_path / "papers")
+        write_avatar(whole_portrait, tmp_path / "papers")
     assert (tmp_path / "papers" / "thesis.tex").read_text() == "years"
     assert not [path for path in tmp_path.iterdir() if path.name.endswith(".part")]
 
 
-def test_a_method_that_keeps_no_avatars_says_so_and_leaves_nothing(portrait: Portrait, tmp_path: Path) -> None:
+def test_a_method_that_keeps_no_avatars_says_so_and_leaves_nothing(whole_portrait: Portrait, tmp_path: Path) -> None:
     class Fleeting(Avatar):
         def pose(self, viewpoint):  # type: ignore[no-untyped-def]
             raise AssertionError
 
     with pytest.raises(Unsupported, match="Fleeting cannot be kept"):
-        write_avatar(replace(portrait, avatar=Fleeting()), tmp_path / "x.avatar")
+        write_avatar(replace(whole_portrait, avatar=Fleeting()), tmp_path / "x.avatar")
     assert not list(tmp_path.iterdir())
 
 

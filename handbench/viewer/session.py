@@ -1,0 +1,169 @@
+"""What a viewer shows: pictures of avatars, drawn when they are asked for. What a pose needs is kept for the next."""
+
+from __future__ import annotations
+
+import io
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from ..avatars.portrait import Portrait
+from ..avatars.repertoire import orbited, resized, same_camera
+from ..data.lights import NamedLight
+from ..errors import InputError, NonFinite, Unsupported
+from ..light.environment import resize, rotate
+from ..method import PosedAvatar
+from ..relighting.showing import EXPOSED
+from ..scene import Array, Camera, Environment, Prediction
+from ..scene.colour import eight_bit
+
+_MAP = (64, 128)
+"""Texels of a map that is turned live: methods reduce it to 16 x 32 or fewer."""
+_QUALITY = 90
+
+
+@dataclass(frozen=True)
+class View:
+    """What is asked of an avatar: a pose and a camera by number, the camera's way around the hand in degrees, its zoom,
+    a map by number, the light's turn in degrees, and stops of exposure beside what suits the map."""
+
+    avatar: int
+    pose: int = 0
+    yaw: float = 0.0
+    pitch: float = 0.0
+    zoom: float = 1.0
+    light: int = 0
+    turn: float = 0.0
+    exposure: float = 0.0
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A picture as the bytes of a JPEG, and the milliseconds it took."""
+
+    jpeg: bytes
+    ms: float
+
+
+class Session:
+    """Avatars, maps, and the size of pictures. Pictures of one avatar are drawn one after the other."""
+
+    def __init__(
+        self, portraits: Sequence[Portrait], lights: Sequence[NamedLight], size: tuple[int, int] | None = None
+    ) -> None:
+        self.portraits, self.lights, self.size = tuple(portraits), tuple(lights), size
+        self.postures = [list(portrait.repertoire.postures.values()) for portrait in portraits]
+        self._locks = [threading.Lock() for _ in portraits]
+        self._held: list[tuple[int, Camera, PosedAvatar] | None] = [None for _ in portraits]
+        self._exposures: dict[int, float] = {}
+        self._exposing = threading.Lock()
+        self.map = lru_cache(maxsize=32)(self._map)
+
+    def described(self) -> dict[str, Any]:
+        """What the page needs to know, as JSON values."""
+        return {
+            "avatars": [
+                {
+                    "name": portrait.name,
+                    "title": portrait.info.title,
+                    "subject": portrait.repertoire.subject,
+                    "poses": [posture.name for posture in postures],
+                    "size": [(camera := self._first(i)).width, camera.height],
+                }
+                for i, (portrait, postures) in enumerate(zip(self.portraits, self.postures, strict=True))
+            ],
+            "lights": [light.label for light in self.lights],
+        }
+
+    def draw(self, view: View) -> Drawn:
+        """The picture of a view. Raises `InputError` for a number that there is not, and what the method raises."""
+        self._check(view)
+        factor = self._exposure(view.light) * 2.0**view.exposure
+        start = time.perf_counter()
+        answer = self._drawn(view)
+        picture = eight_bit(answer.image * np.float32(factor))
+        out = io.BytesIO()
+        Image.fromarray(picture).save(out, "JPEG", quality=_QUALITY, subsampling=0)
+        return Drawn(out.getvalue(), 1e3 * (time.perf_counter() - start))
+
+    def thumbnail(self, light: int, turn: float) -> bytes:
+        """A map as it lights now, as the bytes of a JPEG."""
+        if not 0 <= light < len(self.lights):
+            raise InputError(f"there is no light {light}; give 0 to {len(self.lights) - 1}")
+        radiance = self._turned(light, turn).radiance
+        factor = np.float32(EXPOSED / max(float(np.percentile(radiance, 95)), 1e-6))
+        out = io.BytesIO()
+        Image.fromarray(eight_bit(radiance * factor)).save(out, "JPEG", quality=_QUALITY)
+        return out.getvalue()
+
+    def _drawn(self, view: View) -> Prediction:
+        with self._locks[view.avatar]:
+            answer = self._posed(view).relight(self._turned(view.light, view.turn))
+        if not np.isfinite(answer.image).all():
+            raise NonFinite(f"{self.portraits[view.avatar].name} drew values that are NaN or infinite")
+        return answer
+
+    def _posed(self, view: View) -> PosedAvatar:
+        """The avatar in the view's pose, before its camera: what was drawn last is turned if the pose is the same."""
+        portrait, posture = self.portraits[view.avatar], self.postures[view.avatar][view.pose]
+        shown = portrait.repertoire
+        camera = self._first(view.avatar, posture.name)
+        if (view.yaw, view.pitch, view.zoom) != (0.0, 0.0, 1.0):
+            camera = orbited(camera, shown.middle(posture), view.yaw, view.pitch, view.zoom)
+        held = self._held[view.avatar]
+        if held is not None and held[0] == view.pose:
+            if same_camera(held[1], camera):
+                return held[2]
+            try:
+                posed = held[2].seen_by(camera)
+            except Unsupported:
+                posed = portrait.avatar.pose(shown.viewpoint(posture, camera))
+        else:
+            posed = portrait.avatar.pose(shown.viewpoint(posture, camera))
+        self._held[view.avatar] = view.pose, camera, posed
+        return posed
+
+    def _first(self, avatar: int, posture: str | None = None) -> Camera:
+        shown = self.portraits[avatar].repertoire
+        camera = shown.camera_of(posture or self.postures[avatar][0].name)
+        return camera if self.size is None else resized(camera, *self.size)
+
+    def _map(self, light: int) -> Environment:
+        found = self.lights[light].read()
+        for portrait in self.portraits:
+            portrait.check(found)
+        return resize(found, *_MAP)
+
+    def _turned(self, light: int, turn: float) -> Environment:
+        found: Environment = self.map(light)
+        return found if turn % 360.0 == 0.0 else rotate(found, np.radians(turn))
+
+    def _exposure(self, light: int) -> float:
+        """The factor that suits a map, for all avatars: from the first one's first pose under it."""
+        with self._exposing:
+            if light not in self._exposures:
+                answer = self._drawn(View(0, light=light))
+                self._exposures[light] = EXPOSED / max(_bright(answer), 1e-6)
+            return self._exposures[light]
+
+    def _check(self, view: View) -> None:
+        if not 0 <= view.avatar < len(self.portraits):
+            raise InputError(f"there is no avatar {view.avatar}; give 0 to {len(self.portraits) - 1}")
+        counts = {"pose": len(self.postures[view.avatar]), "light": len(self.lights)}
+        for name, count in counts.items():
+            if not 0 <= getattr(view, name) < count:
+                raise InputError(f"there is no {name} {getattr(view, name)}; give 0 to {count - 1}")
+        for name, low, high in (("zoom", 0.1, 10.0), ("exposure", -20.0, 20.0), ("pitch", -180.0, 180.0)):
+            if not low <= getattr(view, name) <= high:
+                raise InputError(f"{name} is {getattr(view, name):g}; give {low:g} to {high:g}")
+
+
+def _bright(answer: Prediction) -> float:
+    inside: Array = answer.image[answer.alpha > 0.5]
+    return float(np.percentile(inside, 99)) if len(inside) else 1.0
