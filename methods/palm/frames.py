@@ -20,7 +20,7 @@ from .registration import registered
 
 _MARGIN = 6  # pixels around the hand that are trained on
 _BANK = 4096  # places around the skin of a pose
-_SPREAD = 4e-3  # metres, of those that are off the skin
+_SPREAD = (2e-3, 8e-3)  # metres, of those that are off the skin: one half each
 _SHARES = (0.6, 0.3, 0.1)  # of rays inside the mask, at its edge, elsewhere (released code)
 
 
@@ -68,7 +68,8 @@ class Bank:
         normals = PosedMesh(mesh).normals[faces[chosen]]
         normal = (share * normals).sum(axis=1)
         points = (share * corners[chosen]).sum(axis=1)
-        points[_BANK // 2 :] += _SPREAD * rng.standard_normal((_BANK - _BANK // 2, 3))
+        spread = np.resize(_SPREAD, _BANK - _BANK // 2)[:, None]
+        points[_BANK // 2 :] += spread * rng.standard_normal((len(spread), 3))
         centre = points.mean(axis=0)  # float32 is for near the origin
         tensor = open3d.core.Tensor
         scene = RaycastingScene()
@@ -148,7 +149,7 @@ def _person(
     if register and len(scanned) == len(scans):
         shape, registrations = registered(hand, shape, told, scanned)
         told = list(registrations)
-    size = torch.from_numpy(shape).float()
+    size = torch.tensor(shape, dtype=torch.float32)
     found = []
     for number, (pose, observed, scan) in enumerate(zip(told, seen, scans, strict=True)):
         mesh = hand.mesh(shape, pose, min(1, hand.levels))
