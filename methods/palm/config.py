@@ -82,17 +82,17 @@ class Config:
     pose: int = 16
     shape: int = 0
     lipschitz: bool = True
-    beta: float = 3e-3
+    beta: float = 1.5e-3
 
     step: float = 2e-3
     samples: int = 8
-    softness: float = 2e-3
+    softness: float = 1.5e-3
     reach: float = 8e-3
     refine: int = 0
     least_weight: float = 1e-3
 
-    geometry_steps: int = 400
-    steps: int = 1200
+    geometry_steps: int = 500
+    steps: int = 2000
     normals_from: float = 0.0
     light_from: float = 0.5
     rays: int = 384
