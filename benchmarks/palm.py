@@ -75,9 +75,7 @@ def encodings(steps: int) -> None:
         "hash 8 levels": replace(PRESETS["quick"], encoding="hash"),
         "hash 12 levels": replace(PRESETS["quick"], encoding="hash", levels=12, finest=1024.0, table=16),
     }
-    print(
-        "encoding         error after steps, mm                         CPU ms a step   ms per 100k points, with normals"
-    )
+    print("encoding         error after steps, mm                         ms a step   100k points, with normals: ms")
     for name, config in variants.items():
         torch.manual_seed(0)
         model = PalmModel(config, hand, 1)
