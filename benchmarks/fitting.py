@@ -1,6 +1,7 @@
 """Fitting the open hand to pictures of itself at realistic noise: `python -m benchmarks.fitting`.
 
-Errors against the truth and time, by what is given and by pose; a phone scan; how often what is wrong is told.
+Errors against the truth and time, by what is given and by pose; a phone scan. Fits to the open captures, and how often
+what is wrong is told: `fitting_captures.py`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from scipy.ndimage import binary_closing, binary_opening, gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from handbench.hand import HandModel, hand_model
-from handbench.hand.fitting import Fit, Picture, Unfittable, fit
+from handbench.hand.fitting import Fit, Picture, fit
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.see.raster import rasterise
 from handbench.scene import Array, Camera, Mesh, Pose
@@ -120,11 +121,15 @@ def errors(true: Sitter, found: Fit, index: int = 0) -> Errors:
     """How far a fitted hand is from the true one."""
     pose = found.pictures[index].pose
     assert pose is not None
-    ours, theirs = found.hand.posed(found.shape, pose)[0], true.vertices
-    a, b = ours - true.camera.centre, theirs - true.camera.centre
-    scale = float((a * b).sum() / (a * a).sum())
     moved = pose.translation - true.pose.translation
-    return Errors(*(float(np.linalg.norm(off, axis=1).mean()) for off in (ours - theirs, scale * a - b, a - b - moved)))
+    return errors_of(found.hand.posed(found.shape, pose)[0], true.vertices, true.camera, moved)
+
+
+def errors_of(ours: Array, theirs: Array, camera: Camera, moved: Array) -> Errors:
+    """How far vertices (V, 3) before a camera are from the true ones; `moved` (3,) is how far the wrist is."""
+    a, b = ours - camera.centre, theirs - camera.centre
+    scale = float((a * b).sum() / (a * a).sum())
+    return Errors(*(float(np.linalg.norm(off, axis=1).mean()) for off in (a - b, scale * a - b, a - b - moved)))
 
 
 def scan(rng: np.random.Generator, count: int, noise: Noise = Noise()) -> list[Sitter]:
@@ -197,84 +202,9 @@ def _line(values: list[float]) -> str:
     return f"{1e3 * np.mean(values):9.1f} ({1e3 * np.max(values):4.1f})"
 
 
-WRONG: dict[str, Callable[[Picture, np.random.Generator], Picture]] = {
-    "nothing": lambda picture, rng: picture,
-    "a left hand": lambda picture, rng: in_a_mirror(picture),
-    "key points shuffled": lambda picture, rng: replace(picture, key_points=rng.permutation(picture.key_points)),
-    "depth in millimetres": lambda picture, rng: replace(
-        picture, depth=None if picture.depth is None else 1000 * picture.depth
-    ),
-    "half the focal length": lambda picture, rng: replace(picture, camera=zoomed(picture.camera, 0.5)),
-    "twice the focal length": lambda picture, rng: replace(picture, camera=zoomed(picture.camera, 2.0)),
-    "a second hand, apart": lambda picture, rng: replace(picture, alpha=_and_another(picture.alpha, 0.6)),
-    "a second hand, touching": lambda picture, rng: replace(picture, alpha=_and_another(picture.alpha, 0.15)),
-}
-
-
-def told(count: int) -> None:
-    """How often what is wrong with a picture is told: as fatal, or as a doubt."""
-    print("\nwhat is wrong              given                     fatal  doubt  silent   (of which over 10 mm)")
-    for wrong, spoil in WRONG.items():
-        for depth in (False, True):
-            if "millimetres" in wrong and not depth:
-                continue
-            fatal = doubt = silent = far = 0
-            for seed in range(count):
-                rng = np.random.default_rng([seed, 9])
-                true = sitter(rng)
-                picture = spoil(true.picture(rng, depth), rng)
-                try:
-                    fitted = fit(true.hand, [picture])
-                except Unfittable:
-                    fatal += 1
-                    continue
-                if not fitted.converged:
-                    fatal += 1
-                elif fitted.problems:
-                    doubt += 1
-                else:
-                    silent += 1
-                    far += errors(true, fitted).scaled > 0.010
-            given = f"key points, mask{', depth' if depth else ''}"
-            print(f"{wrong:26} {given:26}{fatal:5}{doubt:7}{silent:8}   {far}", flush=True)
-
-
-def in_a_mirror(picture: Picture) -> Picture:
-    """The picture, its key points and its camera mirrored: the other hand."""
-    camera = picture.camera
-    K = np.array(camera.K)
-    K[0, 2] = camera.width - K[0, 2]
-    return replace(
-        picture,
-        camera=replace(camera, K=K),
-        key_points=np.array([camera.width, 0]) + np.array([-1, 1]) * picture.key_points,
-        alpha=None if picture.alpha is None else picture.alpha[:, ::-1],
-        depth=None if picture.depth is None else picture.depth[:, ::-1],
-    )
-
-
-def zoomed(camera: Camera, factor: float) -> Camera:
-    """The camera with another focal length."""
-    return replace(camera, K=camera.K * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]]))
-
-
-def _and_another(alpha: Array | None, shift: float) -> Array | None:
-    """A mask with a copy of itself beside it, shifted by a share of the picture's width."""
-    if alpha is None:
-        return None
-    columns = np.flatnonzero((alpha > 0.5).any(axis=0))
-    away = round(shift * len(alpha[0])) * (1 if columns.mean() < len(alpha[0]) / 2 else -1)
-    other = np.zeros_like(alpha)
-    if away > 0:
-        other[:, away:] = alpha[:, :-away]
-    else:
-        other[:, :away] = alpha[:, -away:]
-    return np.maximum(alpha, other)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fitting", description=__doc__)
-    parser.add_argument("what", nargs="*", choices=["singles", "poses", "scans", "told"], default=["singles", "scans"])
+    parser.add_argument("what", nargs="*", choices=["singles", "poses", "scans"], default=["singles", "scans"])
     parser.add_argument("--count", type=int, default=12, help="people (default: 12)")
     parser.add_argument("--frames", type=int, default=60, help="pictures of a scan (default: 60)")
     arguments = parser.parse_args()
@@ -286,8 +216,6 @@ def main() -> None:
                 singles(arguments.count, POSES[1:])
             case "scans":
                 scans(arguments.count, arguments.frames)
-            case "told":
-                told(arguments.count)
 
 
 if __name__ == "__main__":

@@ -8,8 +8,7 @@ import numpy as np
 import torch
 
 from benchmarks.fitting import camera
-from handbench.hand import hand_model
-from handbench.hand.twins import _palm
+from handbench.hand import hand_model, twins
 from handbench.light.harmonics import cosine_lobe, harmonics
 from handbench.methods.kit.fittedhand import FittedHand, Sighting
 from handbench.recording import Recording
@@ -35,7 +34,7 @@ def skin(back: float, palm: float) -> Array:
     """Albedo (3, N) of a hand with a back and a palm of these reflectances, mottled a little."""
     topology = HAND.topology(LEVEL)
     surface = PosedSurface(HAND.mesh(HAND.neutral(), HAND.named_pose("rest"), LEVEL), SIZE)
-    facing = _palm(HAND) @ surface.normal.numpy() / np.linalg.norm(_palm(HAND))
+    facing = twins.palm(HAND) @ surface.normal.numpy() / np.linalg.norm(twins.palm(HAND))
     share = np.clip(0.5 + 1.5 * facing, 0.0, 1.0)
     mottle = 1.0 + 0.05 * np.random.default_rng(2).normal(size=surface.atlas.count)
     assert surface.atlas.topology is topology

@@ -39,14 +39,14 @@ def twins(hand: HandModel, position: Array, weights: Array) -> list[Array]:
     fingers = np.full(len(position), -1)
     place = np.zeros((len(position), 4))
     owner = weights.argmax(axis=1)
-    palm = _palm(hand)
+    across = palm(hand)
     for f, chain in enumerate(hand.chains[1:]):
         for k, joint in enumerate(chain):
             own = owner == joint
             bone = hand.points[hand.ends[joint]] - hand.points[joint]
             length = float(np.linalg.norm(bone))
             y = bone / length
-            z = palm - (palm @ y) * y
+            z = across - (across @ y) * y
             z /= np.linalg.norm(z)
             local = (position[own] - hand.points[joint]) @ np.stack([np.cross(y, z), y, z], axis=1) / length
             place[own] = np.c_[local, np.full(int(own.sum()), 10.0 * k)]  # bones of a number only match each other
@@ -68,7 +68,7 @@ def twins(hand: HandModel, position: Array, weights: Array) -> list[Array]:
     return found
 
 
-def _palm(hand: HandModel) -> Array:
+def palm(hand: HandModel) -> Array:
     """The direction (3,) in which the palm, or the back, faces: across the knuckles and along the hand."""
     knuckles = [hand.points[chain[0]] for chain in hand.chains[1:]]
     return np.cross(knuckles[-1] - knuckles[0], np.mean(knuckles, axis=0) - hand.points[hand.wrist])

@@ -48,7 +48,7 @@ def fitted(enrolled: Enrolled, config: HarpConfig, seed: int, progress: Progress
 class _Fit:
     def __init__(self, enrolled: Enrolled, config: HarpConfig, seed: int) -> None:
         self.config, self.hand = config, enrolled.hand
-        self.surface = Surface(enrolled.hand, config.level, enrolled.size)
+        self.surface = Surface(enrolled.hand, config.level)
         space = Space.of(enrolled.hand, self.surface.level)
         self._free = torch.zeros(3 * len(enrolled.hand.parents)).index_fill(0, torch.from_numpy(space.free), 1.0)
         self._free = self._free.unflatten(0, (-1, 3))
@@ -156,7 +156,7 @@ class _Fit:
         hand, (_, joints, rotation, translation) = self.hand, self._pose(picture)
         heads = self._rest[: len(hand.parents)]
         carried = (self._rest, heads, hand.parents, self._weights, self._frames, joints, rotation, translation)
-        chosen = self.surface.size * linear_blend(*carried)[list(hand.key_points)]
+        chosen = linear_blend(*carried)[list(hand.key_points)]
         return chosen - chosen[:1]
 
     def _sampled(self, picture: Picture, vertices: Tensor) -> Samples:

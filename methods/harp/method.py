@@ -104,8 +104,7 @@ class HarpAvatar(Avatar):
     def save(self, folder: Path) -> None:
         """Shape, displacements, textures and light; pictures of the person are not kept."""
         look, surface = self.look, self.look.surface
-        told = {"shape": np.array(look.shape, dtype=np.float64), "size": np.array(surface.size, dtype=np.float64)}
-        state = {name: torch.from_numpy(value) for name, value in told.items()}
+        state = {"shape": torch.from_numpy(np.array(look.shape, dtype=np.float64))}
         state |= {name: getattr(look, name).detach().contiguous() for name in _TENSORS}
         save_state(folder, INFO.name, {**asdict(look.config), "hand": surface.hand.name}, state)
 
@@ -114,10 +113,10 @@ class HarpAvatar(Avatar):
         """The avatar that `save` wrote. Raises `InputError` as `load_state` does."""
         model = hand_model()
         maps = (3, config.texture, config.texture)
-        shapes: dict[str, tuple[int | None, ...]] = {"shape": (model.shape_size,), "size": (), "ambient": ()}
+        shapes: dict[str, tuple[int | None, ...]] = {"shape": (model.shape_size,), "ambient": ()}
         shapes |= {"offset": (Surface(model, config.level).count,), "albedo": maps, "normal_map": maps, "light": (3,)}
         state = load_state(folder, INFO.name, {**asdict(config), "hand": model.name}, shapes)
-        surface = Surface(model, config.level, float(state["size"]))
+        surface = Surface(model, config.level)
         return cls(Look(config, surface, state["shape"].numpy(), *(state[name] for name in _TENSORS)))
 
 

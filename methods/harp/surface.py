@@ -12,10 +12,10 @@ from handbench.scene import Array, Topology
 
 
 class Surface:
-    """The triangles of a hand model at a level: V vertices, F faces, E edges; the hand is `size` times as large."""
+    """The triangles of a hand model at a level: V vertices, F faces, E edges."""
 
-    def __init__(self, hand: HandModel, level: int, size: float = 1.0) -> None:
-        self.hand, self.level, self.size = hand, min(level, hand.levels), size
+    def __init__(self, hand: HandModel, level: int) -> None:
+        self.hand, self.level = hand, min(level, hand.levels)
         self.topology: Topology = hand.topology(self.level)
         self.edges = EdgeTable(self.topology.faces)
         self.faces = torch.from_numpy(self.topology.faces.astype(np.int64))
@@ -27,7 +27,7 @@ class Surface:
 
     def posed(self, shape: Tensor, joints: Tensor, rotation: Tensor, translation: Tensor, offset: Tensor) -> Tensor:
         """Vertices (V, 3) in the world, displaced by offsets (V,) in metres; differentiable in everything."""
-        coarse = self.size * self.hand.skin(shape, joints, rotation) + translation
+        coarse = self.hand.skin(shape, joints, rotation) + translation
         smooth = self.hand.subdivide(coarse, self.level)
         return smooth + offset[:, None] * self.normals(smooth)
 

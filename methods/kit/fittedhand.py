@@ -112,7 +112,7 @@ def fitted_hand(enrolment: Recording, settings: Settings = QUICK, progress: Prog
 def _trusted(picture: Picture) -> Picture:
     """The picture without the key points that its detector doubts."""
     places = np.where(picture.sure[:, None] < LEAST_SURE, np.nan, picture.key_points)
-    return replace(picture, key_points=np.c_[places, picture.sure])
+    return replace(picture, key_points=places)
 
 
 class FittedAvatar(Avatar):

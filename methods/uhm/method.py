@@ -96,8 +96,7 @@ class UhmAvatar(Avatar):
     def save(self, folder: Path) -> None:
         """The hand and its textures; pictures of the person are not kept."""
         person, hand = self.person, self.person.hand
-        told = {"shape": np.array(hand.shape, dtype=np.float64), "size": np.array(hand.size, dtype=np.float64)}
-        state = {name: torch.from_numpy(value) for name, value in told.items()}
+        state = {"shape": torch.from_numpy(np.array(hand.shape, dtype=np.float64))}
         state |= {name: getattr(person, name).contiguous() for name in ("texture", "shadows", "normals", "seen")}
         save_state(folder, INFO.name, {**asdict(person.config), "hand": hand.hand.name}, state)
 
@@ -106,10 +105,10 @@ class UhmAvatar(Avatar):
         """The avatar that `save` wrote. Raises `InputError` as `load_state` does."""
         model = hand_model()
         texels = Atlas.of(model.topology(min(config.level, model.levels)), config.texture).count
-        shapes = {"shape": (model.shape_size,), "size": (), "texture": (3, texels), "shadows": (None, texels)}
+        shapes = {"shape": (model.shape_size,), "texture": (3, texels), "shadows": (None, texels)}
         shapes |= {"normals": (None, texels, 3), "seen": (None, texels)}
         state = load_state(folder, INFO.name, {**asdict(config), "hand": model.name}, shapes)
-        hand = Enrolled(model, state["shape"].numpy(), float(state["size"]), ())
+        hand = Enrolled(model, state["shape"].numpy(), ())
         return cls(Adapted(config, hand, *(state[name] for name in ("texture", "shadows", "normals", "seen"))))
 
 

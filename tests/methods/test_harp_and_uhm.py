@@ -201,7 +201,7 @@ def toy() -> tuple[Enrolled, torch.Tensor]:
         light, raw = torch.from_numpy(LIGHT).float(), torch.tensor(np.log(AMBIENT / (1 - AMBIENT))).float()
         drawn = canvas.drawn(flat(albedo, canvas) * shade(canvas.position.T, canvas.normal.T, visible, light, raw))
         seen.append(Seen("me/pose", camera(), Observation(drawn.image, drawn.alpha), pose))
-    return Enrolled(hand, shape, 1.0, tuple(seen)), stripes
+    return Enrolled(hand, shape, tuple(seen)), stripes
 
 
 CONFIG = replace(HARP["smoke"], steps=(14, 10, 30), side=96, rate=4e-4)

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...method import Progress, silent
-from ...scene import Array, Camera, Pose
+from ...scene import Array, Pose
 from ..handmodel import HandModel
-from .doubts import Judge, other_ways, unit_problem
+from .doubts import Judge, other_ways, shows_a_hand, unit_problem
+from .mirror import with_mirrors
 from .picture import CloseUp, Picture
+from .placed import in_world
 from .problems import Problem, Unfittable
-from .rig import rodrigues
+from .sequence import between
 from .single import QUICK, Settings, Single, single
-from .solve import State, cost, solve
+from .solve import State, solve
 from .space import Space
-from .starts import starts
-from .terms import Objective, Placed
+from .terms import Objective
 
 
 @dataclass(frozen=True)
@@ -86,84 +86,58 @@ def fit(hand: HandModel, pictures: Sequence[Picture], settings: Settings = QUICK
     chosen = [order[k] for k in np.unique(np.linspace(0, len(order) - 1, settings.together).round().astype(int))]
     if (wrong := unit_problem(space, [views[i] for i in chosen])) is not None:
         raise Unfittable((wrong,))
+    total = len(chosen) + len(order)
 
-    singles: dict[int, Single] = {}
-    for count, i in enumerate(chosen, start=1):
-        also = [one.state.hands[0] for one in list(singles.values())[-1:]]  # a hand moves little between pictures
-        if (start := pictures[i].start) is not None:
-            also.append(in_camera(space, start, pictures[i].camera))
-        if (found := single(space, views[i], settings, tuple(also))) is not None:
-            singles[i] = found
-        progress(count, len(chosen) + len(order))
+    singles = _singles(space, {i: views[i] for i in chosen}, settings, lambda done: progress(done, total))
     if not singles:
         raise Unfittable(tuple(_nothing(picture.name) for picture in pictures))
-    chosen = list(singles)
+    hands_there = {i: own for i, own in singles.items() if shows_a_hand(space, views[i], own)}
+    doubts: list[Problem | None] = []
+    if hands_there:
+        better, mirrors = with_mirrors(space, views, hands_there, settings)
+        doubts.append(other_ways(space, views, better, mirrors, settings))
+        singles |= better
     state = State(
         np.mean([one.state.z for one in singles.values()], axis=0),
         tuple(one.state.hands[0] for one in singles.values()),
     )
-    if len(chosen) > 1:
-        state = solve(Objective(space, [views[i] for i in chosen], settings.weights), state, settings.steps)
-    hands = dict(zip(chosen, state.hands, strict=True))
-    for i in order:
-        if i not in hands:
-            placed = _between(space, views[i], hands, i, state.z, settings)
-            if placed is None:
-                refused[i] = _nothing(pictures[i].name)
-            else:
-                hands[i] = placed
-        progress(len(chosen) + len(hands), len(chosen) + len(order))
+    if len(singles) > 1:
+        state = solve(Objective(space, [views[i] for i in singles], settings.weights), state, settings.steps)
+    hands = between(
+        space,
+        views,
+        dict(zip(singles, state.hands, strict=True)),
+        state.z,
+        settings,
+        lambda done: progress(done, total),
+    )
+    refused |= {i: _nothing(pictures[i].name) for i in order if i not in hands}
 
     judge = Judge(space, state.z)
-    judged = {i: judge.of(views[i], placed) for i, placed in hands.items()}
-    doubt = None
-    if any("no hand" not in {problem.kind for problem in found[-1]} for found in judged.values()):
-        doubt = other_ways(space, [views[i] for i in chosen], list(singles.values()), settings)
     answers = []
     for i, picture in enumerate(pictures):
         if i in refused:
             answers.append(Fitted(picture.name, None, np.nan, np.nan, np.nan, (refused[i],)))
             continue
-        missed, overlap, depth, problems = judged[i]
-        problems = problems if doubt is None else (doubt, *problems)
-        answers.append(
-            Fitted(picture.name, in_world(space, hands[i], picture.camera), missed, overlap, depth, problems)
-        )
+        missed, overlap, depth, problems = judge.of(views[i], hands[i])
+        problems = (*(doubt for doubt in doubts if doubt is not None), *problems)
+        pose = in_world(space, hands[i], picture.camera)
+        answers.append(Fitted(picture.name, pose, missed, overlap, depth, problems))
     return Fit(hand, space.shape(state.z), tuple(answers))
 
 
-def _between(
-    space: Space, view: CloseUp, hands: dict[int, Placed], index: int, z: Array, settings: Settings
-) -> Placed | None:
-    """The hand of a picture between others; its shape is known. None if nothing starts.
-
-    Key points alone mislead where fingers hide each other, so the hand before is also tried as it is.
-    """
-    near = [hands[i] for i in sorted(hands, key=lambda i: abs(i - index))[:2]]
-    far, objective = (Objective(space, [view], weights) for weights in (settings.weights.far, settings.weights))
-    tried = [start.hand for start in starts(space, view, 1, tuple(near))]
-    first = max(1, settings.steps // 3)
-    states = [solve(far, State(z, (hand,)), first, shape=False) for hand in (*tried, near[0])]
-    costs = [cost(far, state) for state in states]
-    if not np.isfinite(min(costs)):
-        return None
-    best = states[int(np.argmin(costs))]
-    return solve(objective, best, settings.steps - first, shape=False).hands[0]
+def _singles(
+    space: Space, views: Mapping[int, CloseUp], settings: Settings, progress: Callable[[int], None]
+) -> dict[int, Single]:
+    """The hand of every picture by itself; that of the picture before is a start, since a hand moves little."""
+    found: dict[int, Single] = {}
+    for count, (i, view) in enumerate(views.items(), start=1):
+        also = tuple(one.state.hands[0] for one in list(found.values())[-1:])
+        if (own := single(space, view, settings, also)) is not None:
+            found[i] = own
+        progress(count)
+    return found
 
 
 def _nothing(picture: str) -> Problem:
     return Problem("no hand", picture, "no hand in front of the camera looks like the key points; check them and K")
-
-
-def in_world(space: Space, hand: Placed, camera: Camera) -> Pose:
-    """The pose of a hand in the world, joints within their limits."""
-    turn = Rotation.from_matrix(camera.rotation.T @ hand.rotation).as_rotvec()
-    angles = np.clip(hand.angles, space.least, space.most)
-    return Pose(space.turns(angles), turn, camera.rotation.T @ (hand.translation - camera.world_to_camera[:, 3]))
-
-
-def in_camera(space: Space, pose: Pose, camera: Camera) -> Placed:
-    """A pose in the world as a camera sees it."""
-    turn = camera.rotation @ rodrigues(pose.rotation)[0]
-    angles = np.clip(pose.joints.ravel()[space.free], space.least, space.most)
-    return Placed(angles, turn, camera.rotation @ pose.translation + camera.world_to_camera[:, 3])

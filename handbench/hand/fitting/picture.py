@@ -25,9 +25,10 @@ class Picture:
     """A hand as one camera saw it: `key_points` (21, 2) are the places of the hand model's 21, whatever they are.
 
     Places are in pixels from the upper left corner, NaN where a point was not found; with a third column they come with
-    how sure the detector was, 0 to 1 (1 without). alpha (H, W) in [0, 1] is the
+    how sure the detector was, 0 to 1 (1 without), which is then in `sure` (21,). alpha (H, W) in [0, 1] is the
     hand's mask, depth (H, W) in metres along z, 0 where nothing was measured; either may be None. `start` is a pose
-    to begin with, beside those that the fit finds itself. Raises `InputError` for shapes that do not fit.
+    as a tracker tells it: the fit also begins there, and stays near it (see `Tracker`). Raises `InputError` for shapes
+    that do not fit.
     """
 
     camera: Camera
@@ -36,7 +37,7 @@ class Picture:
     depth: Array | None = None
     name: str = "picture"
     start: Pose | None = None
-    sure: Array = field(init=False)
+    sure: Array = field(default_factory=lambda: np.ones(21))
 
     def __post_init__(self) -> None:
         points = np.asarray(self.key_points, dtype=np.float64)
@@ -44,7 +45,7 @@ class Picture:
             text = f"key points have shape {points.shape}, expected (21, 2), or (21, 3) with how sure each is"
             raise InputError(f"{self.name}: {text}; write NaN where none was found")
         object.__setattr__(self, "key_points", points[:, :2])
-        sure = points[:, 2] if points.shape[1] == 3 else np.ones(21)
+        sure = points[:, 2] if points.shape[1] == 3 else np.asarray(self.sure, dtype=np.float64)
         object.__setattr__(self, "sure", np.clip(np.nan_to_num(sure), 0.0, 1.0))
         for name in ("alpha", "depth"):
             value = getattr(self, name)
@@ -159,13 +160,18 @@ class CloseUp:
         trust = self.picture.sure[self.seen] ** 2
         return trust / trust.mean()
 
+    @property
+    def untold(self) -> CloseUp:
+        """Without the pose that the picture brings."""
+        return replace(self, picture=replace(self.picture, start=None))
+
     def mirrored(self) -> CloseUp:
-        """What is seen in a mirror: the other hand, as a hand of this side."""
+        """What is seen in a mirror: the other hand, as a hand of this side; the pose is none of that."""
         K = np.diag([-1.0, 1.0, 1.0]) @ self.K
         K[0] = [-K[0, 0], K[0, 1], K[0, 2] + self.width]
         flat, slope = (None if m is None else m[..., ::-1] for m in (self.depth, self.slope))
         return replace(
-            self,
+            self.untold,
             K=K,
             key_points=np.array([self.width, 0]) + np.array([-1, 1]) * self.key_points,
             alpha=None if self.alpha is None else self.alpha[:, ::-1],

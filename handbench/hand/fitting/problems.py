@@ -8,7 +8,17 @@ from typing import Literal, TypeAlias
 from ...errors import InputError
 
 Kind: TypeAlias = Literal[
-    "no key points", "empty mask", "two hands", "depth unit", "focal length", "other hand", "cut", "no hand", "missed"
+    "no key points",
+    "empty mask",
+    "two hands",
+    "depth unit",
+    "focal length",
+    "distance",
+    "pose",
+    "other hand",
+    "cut",
+    "no hand",
+    "missed",
 ]
 
 

@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .picture import CloseUp
-from .solve import State, cost, solve
+from .placed import Placed
+from .solve import State, solve, value
 from .space import Space
 from .starts import starts
-from .terms import Objective, Placed, Weights
+from .terms import Objective, Weights
+from .told import told
 
 
 @dataclass(frozen=True)
@@ -32,10 +34,12 @@ THOROUGH = Settings(starts=5, steps=60, together=60)
 
 @dataclass(frozen=True)
 class Single:
-    """A hand found in one picture, its shape by this picture alone, and what it costs."""
+    """A hand found in one picture, its shape by this picture alone, what it costs, and what without the pose that the
+    picture brings (`untold`)."""
 
     state: State
     cost: float
+    untold: float
 
 
 def single(space: Space, view: CloseUp, settings: Settings, also: tuple[Placed, ...] = ()) -> Single | None:
@@ -43,11 +47,22 @@ def single(space: Space, view: CloseUp, settings: Settings, also: tuple[Placed, 
 
     Half of the steps, with a far reach, shows which start leads to the cheapest hand; it alone goes on.
     """
-    far, objective = (Objective(space, [view], weights) for weights in (settings.weights.far, settings.weights))
+    far = Objective(space, [view], settings.weights.far)
     still = np.zeros(space.shape_basis.shape[1])
+    near = told(space, view)
+    also = also if near is None else (*also, near)
     first = max(1, settings.steps // 2)
     found = [solve(far, State(still, (start.hand,)), first) for start in starts(space, view, settings.starts, also)]
+    if near is not None:
+        found.append(solve(far, State(still, (near,)), first))  # as it is, not as key points alone would turn it
     if not found:
         return None
-    best = solve(objective, min(found, key=lambda state: cost(far, state)), settings.steps - first)
-    return Single(best, cost(objective, best))
+    return again(space, view, min(found, key=lambda state: value(far, state)), settings, settings.steps - first)
+
+
+def again(space: Space, view: CloseUp, state: State, settings: Settings, steps: int | None = None) -> Single:
+    """The hand to which a state leads, in `steps` (all of the settings' if None)."""
+    objective = Objective(space, [view], settings.weights)
+    best = solve(objective, state, settings.steps if steps is None else steps)
+    full, untold = (value(Objective(space, [one], settings.weights), best) for one in (view, view.untold))
+    return Single(best, full, untold)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...scene import Array
-from .terms import Objective, Placed, Quadratic
+from .placed import Placed
+from .quadratic import Quadratic
+from .terms import Objective
 
 DAMPING = 1e-2  # to begin with: a little towards steepest descent
 
@@ -27,6 +29,14 @@ def cost(objective: Objective, state: State) -> float:
     return _total(
         objective, state, [objective.of(*pair, rest) for pair in zip(objective.views, state.hands, strict=True)]
     )
+
+
+def value(objective: Objective, state: State) -> float:
+    """The same with masks compared pixel by pixel: what tells better hands from worse ones, wherever they started."""
+    flat = Objective(objective.space, objective.views, replace(objective.weights, mask=0.0))
+    rest = objective.space.still(state.z)
+    pairs = zip(objective.views, state.hands, strict=True)
+    return cost(flat, state) + sum(objective.area(view, hand, rest) for view, hand in pairs)
 
 
 def solve(objective: Objective, state: State, steps: int, shape: bool = True, tolerance: float = 1e-3) -> State:

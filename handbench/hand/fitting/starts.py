@@ -13,9 +13,9 @@ import numpy as np
 
 from ...scene import Array
 from .picture import CloseUp
+from .placed import Placed
 from .rig import Rest, rodrigues
 from .space import LIMIT, Space
-from .terms import Placed
 
 SIDES = 14  # from which the hand may be seen
 STEPS = 25

@@ -8,16 +8,20 @@ it; its derivative is the boundary integral of `render.silhouette`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
+import torch
 
-from ...render.silhouette import EdgeTable, outline
+from ...render.silhouette import EdgeTable, coverage, outline
 from ...scene import Array
 from .picture import CloseUp, sampled
-from .rig import Posed, Rest, rodrigues
+from .placed import Placed
+from .quadratic import Quadratic
+from .rig import Posed, Rest
 from .space import LIMIT, Space
+from .told import Tracker, told
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,8 @@ class Weights:
     key_points: of their mean distance, where the close-up's longer side is 8 (as in UHM's heat maps of 8 x 8); mask: of
     the mean over the close-up's pixels of the difference of alphas; depth: of the mean distance to the measured
     surface in metres: 1, 50 and 100 (URHand supp. Sec. 3). pose and shape: of squared standard deviations; limits: of
-    squared degrees beyond the joints' limits.
+    squared degrees beyond the joints' limits; told: of squared standard deviations (`tracker`) from a pose that the
+    picture brings.
     Distances beyond `mask_reach` (pixels) and `depth_reach` (metres) pull no more: what is there is not the hand.
     """
 
@@ -37,36 +42,15 @@ class Weights:
     pose: float = 0.002
     shape: float = 0.004
     limits: float = 0.05
+    told: float = 0.002
     mask_reach: float = 6.0
     depth_reach: float = 0.015
+    tracker: Tracker = field(default_factory=Tracker)
 
     @property
     def far(self) -> Weights:
         """The same with four times the reach, for hands that are not yet in place."""
         return replace(self, mask_reach=4 * self.mask_reach, depth_reach=4 * self.depth_reach)
-
-
-@dataclass(frozen=True)
-class Placed:
-    """The hand of one picture in the camera's frame: angles (F,), rotation (3, 3) and translation (3,)."""
-
-    angles: Array
-    rotation: Array
-    translation: Array
-
-    def moved(self, step: Array) -> Placed:
-        """After a step (6 + F,): turned in the camera's frame, shifted, joints turned."""
-        turn = rodrigues(step[:3])[0]
-        return Placed(self.angles + step[6:], turn @ self.rotation, self.translation + step[3:6])
-
-
-@dataclass
-class Quadratic:
-    """A cost near a state, and its quadratic model in the steps of a picture's hand and of the shape together."""
-
-    cost: float
-    gradient: Array
-    hessian: Array
 
 
 _POINT, _PIXEL, _METRE = 0.5, 0.5, 1e-3  # residuals below which L1 turns into L2
@@ -80,25 +64,41 @@ class Objective:
     def __init__(self, space: Space, views: Sequence[CloseUp], weights: Weights) -> None:
         self.space, self.views, self.weights = space, tuple(views), weights
         self._edges = EdgeTable(space.rig.faces)
+        self._told = {view: told(space, view) for view in self.views}
 
     def of(self, view: CloseUp, hand: Placed, rest: Rest) -> Quadratic:
         """The terms of one picture: pose, placement and shape in one vector (6 + F + K,)."""
         space, weights = self.space, self.weights
         posed = space.rig.pose(rest, space.turns(hand.angles)[None], space.free)
-        points, moving = in_camera(posed, hand)
-        total = Quadratic(0.0, np.zeros(moving.shape[-1]), np.zeros((moving.shape[-1],) * 2))
+        points, motion = moving(posed, hand)
+        total = Quadratic(0.0, np.zeros(motion.shape[-1]), np.zeros((motion.shape[-1],) * 2))
         count = space.rig.vertices
         if points[:, 2].min() < 0.01:  # metres in front of the camera: no picture
             return replace(total, cost=np.inf)
-        self._key_points(total, view, points, moving)
+        self._key_points(total, view, points, motion)
         fine = space.rig.fine @ points[:count]
-        coarse = moving[:count].reshape(count, -1)
+        coarse = motion[:count].reshape(count, -1)
         if view.outside is not None and weights.mask:
             self._mask(total, view, fine, coarse)
         if view.depth is not None and weights.depth:
             self._depth(total, view, fine, coarse)
         self._pose(total, hand.angles)
+        if (near := self._told[view]) is not None:
+            weights.tracker.add(total, weights.told, hand, near)
         return total
+
+    def area(self, view: CloseUp, hand: Placed, rest: Rest) -> float:
+        """The mask's term pixel by pixel, which the distances of outlines stand for: they see no finger that the hand
+        lacks."""
+        if view.alpha is None:
+            return 0.0
+        rig = self.space.rig
+        rows = rig.pose(rest, self.space.turns(hand.angles)[None], self.space.free[:0]).rows[0][: rig.vertices]
+        fine = rig.fine @ (rows @ hand.rotation.T + hand.translation)
+        if fine[:, 2].min() < 0.01:
+            return np.inf
+        drawn = coverage(torch.from_numpy(view.places(fine)), self._edges, view.width, view.height).numpy()
+        return self.weights.mask * float(np.abs(drawn - view.alpha).mean())
 
     def _pose(self, total: Quadratic, angles: Array) -> None:
         space, weights, size = self.space, self.weights, len(total.gradient)
@@ -109,16 +109,16 @@ class Objective:
         ):
             pull = np.zeros((len(off), size))
             pull[:, own] = by
-            _add(total, weight * float(off @ off), np.full(len(off), 2 * weight), off, pull)
+            total.add(weight * float(off @ off), np.full(len(off), 2 * weight), off, pull)
 
-    def _key_points(self, total: Quadratic, view: CloseUp, points: Array, moving: Array) -> None:
+    def _key_points(self, total: Quadratic, view: CloseUp, points: Array, motion: Array) -> None:
         rows = self.space.rig.key_points[view.seen]
         off = view.places(points[rows]) - view.key_points[view.seen]
-        by = view.moving(points[rows]) @ moving[rows]
+        by = view.moving(points[rows]) @ motion[rows]
         distance = np.linalg.norm(off, axis=1)
         scale = self.weights.key_points * 8.0 / max(view.width, view.height) / len(rows) * view.trust
         weight = (scale / np.maximum(distance, _POINT)).repeat(2)
-        _add(total, float(scale @ _huber(distance, _POINT)), weight, off.ravel(), by.reshape(-1, by.shape[-1]))
+        total.add(float(scale @ _huber(distance, _POINT)), weight, off.ravel(), by.reshape(-1, by.shape[-1]))
 
     def _mask(self, total: Quadratic, view: CloseUp, fine: Array, coarse: Array) -> None:
         assert view.outside is not None and view.slope is not None
@@ -139,7 +139,7 @@ class Objective:
         scale = self.weights.mask * found.length / (view.width * view.height)
         inside = np.abs(off) < reach
         weight = np.where(inside, scale / np.maximum(np.abs(off), _PIXEL), 0.0)
-        _add(total, float(scale @ _huber(np.minimum(np.abs(off), reach), _PIXEL)), weight, off, along)
+        total.add(float(scale @ _huber(np.minimum(np.abs(off), reach), _PIXEL)), weight, off, along)
 
     def _depth(self, total: Quadratic, view: CloseUp, fine: Array, coarse: Array) -> None:
         assert view.depth is not None
@@ -151,14 +151,14 @@ class Objective:
         reach, scale = self.weights.depth_reach, self.weights.depth / len(chosen)
         inside = np.abs(off) < reach
         weight = np.where(inside, scale / np.maximum(np.abs(off), _METRE), 0.0)
-        _add(total, scale * float(_huber(np.minimum(np.abs(off), reach), _METRE).sum()), weight, off, by)
+        total.add(scale * float(_huber(np.minimum(np.abs(off), reach), _METRE).sum()), weight, off, by)
 
     def _carried(self, pick: sp.csr_array, coarse: Array) -> Array:
         """How picked points of the fine surface move, (n, 3, 6 + F + K)."""
         return ((pick @ self.space.rig.fine) @ coarse).reshape(pick.shape[0], 3, -1)
 
 
-def in_camera(posed: Posed, hand: Placed) -> tuple[Array, Array]:
+def moving(posed: Posed, hand: Placed) -> tuple[Array, Array]:
     """Rows (N, 3) of one posed hand in the camera's frame, and how they move (N, 3, 6 + F + K)."""
     turned = posed.rows[0] @ hand.rotation.T
     x, y, z = turned.T
@@ -167,14 +167,6 @@ def in_camera(posed: Posed, hand: Placed) -> tuple[Array, Array]:
     shifting = np.broadcast_to(np.eye(3), turning.shape)
     rest = np.concatenate([posed.by_joints[0], posed.by_shape[0]], axis=2)
     return turned + hand.translation, np.concatenate([turning, shifting, hand.rotation @ rest], axis=2)
-
-
-def _add(total: Quadratic, cost: float, weight: Array, off: Array, by: Array) -> None:
-    """Add weighted squares: residuals (n,) that move by (n, P)."""
-    total.cost += cost
-    weighted = by * weight[:, None]
-    total.gradient += weighted.T @ off
-    total.hessian += weighted.T @ by
 
 
 def _huber(size: Array, soft: float) -> Array:

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.fitting import Noise, Sitter, errors, in_a_mirror, sitter, zoomed
+from benchmarks.fitting import Noise, Sitter, errors, sitter
+from benchmarks.spoiled import in_a_mirror, zoomed
 from handbench.errors import InputError, Unsupported
 from handbench.hand import hand_model
 from handbench.hand.fitting import Fit, Picture, Settings, Unfittable, fit, pictures, starts
-from handbench.hand.fitting.fit import in_camera, in_world
 from handbench.hand.fitting.picture import CloseUp
+from handbench.hand.fitting.placed import in_camera, in_world
 from handbench.hand.fitting.space import Space
 from handbench.recording import Recording
 from handbench.scene import Directional, Frame, Observation, Pose
@@ -51,7 +52,8 @@ def test_one_picture_with_depth(someone: Sitter, found: Fit) -> None:
 def test_one_picture_without_depth_up_to_the_distance(someone: Sitter, flat: Picture) -> None:
     fitted = fit(hand_model(), [flat], BRIEF)
     assert fitted.converged, fitted.reason
-    assert errors(someone, fitted).scaled < 0.007
+    assert errors(someone, fitted).scaled < 0.009  # 5 mm is usual: `benchmarks.fitting_captures`
+    assert {problem.kind for problem in fitted.problems} == {"distance", "other hand"}
 
 
 def test_a_sequence_has_one_shape_and_pictures_without_a_hand_are_left_out(someone: Sitter) -> None:
