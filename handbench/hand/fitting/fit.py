@@ -10,7 +10,7 @@ import numpy as np
 from ...method import Progress, silent
 from ...scene import Array, Pose
 from ..handmodel import HandModel
-from .doubts import Judge, other_ways, shows_a_hand, unit_problem
+from .doubts import Judge, distance_guessed, other_ways, shows_a_hand, unit_problem
 from .mirror import with_mirrors
 from .picture import CloseUp, Picture
 from .placed import in_world
@@ -103,14 +103,9 @@ def fit(hand: HandModel, pictures: Sequence[Picture], settings: Settings = QUICK
     )
     if len(singles) > 1:
         state = solve(Objective(space, [views[i] for i in singles], settings.weights), state, settings.steps)
-    hands = between(
-        space,
-        views,
-        dict(zip(singles, state.hands, strict=True)),
-        state.z,
-        settings,
-        lambda done: progress(done, total),
-    )
+    there = dict(zip(singles, state.hands, strict=True))
+    hands = between(space, views, there, state.z, settings, lambda done: progress(done, total))
+    doubts.append(distance_guessed([views[i] for i in hands], list(hands.values())))
     refused |= {i: _nothing(pictures[i].name) for i in order if i not in hands}
 
     judge = Judge(space, state.z)
