@@ -14,7 +14,9 @@ import numpy as np
 from .picture import CloseUp
 from .placed import Placed
 from .single import Settings, Single, again, single
+from .solve import solve
 from .space import Space
+from .terms import Objective
 
 _MORE = 3  # times as many starts, where a mirror image fits better
 
@@ -45,7 +47,9 @@ def _tried(space: Space, view: CloseUp, own: Single, other: Single, settings: Se
     """The best of a fit, of one that begins with the mirror image's hand turned over, and of more starts."""
     found = [own]
     if view.depth is None:
-        found.append(again(space, view, replace(other.state, hands=(turned(other.state.hands[0]),)), settings))
+        far = Objective(space, [view], settings.weights.far)
+        start = solve(far, replace(other.state, hands=(turned(other.state.hands[0]),)), settings.steps)
+        found.append(again(space, view, start, settings))
     if more > 1 and (fresh := single(space, view, replace(settings, starts=more * settings.starts))) is not None:
         found.append(fresh)
     return min(found, key=lambda one: one.cost)
