@@ -8,11 +8,12 @@ from pathlib import Path
 from statistics import median
 
 from handbench.bench.protocol import AXES
-from handbench.errors import InputError, unknown_name
-from handbench.results.reading import Run, completed, mismatch, read_run
+from handbench.errors import unknown_name
+from handbench.results.reading import Run, merged, read_run
 from handbench.results.record import (
     CellRecord,
     ColumnRecord,
+    Cost,
     MethodRecord,
     MetricRecord,
     ProtocolRecord,
@@ -25,7 +26,7 @@ from handbench.scene import FrameKind
 
 from .aggregate import Footnotes, column_cells, with_differences
 from .agreement import agreements
-from .model import Aggregate, Column, Group, Kind, Metric, Row, Span, Table, Times, listed
+from .model import Aggregate, Column, Footprint, Group, Kind, Metric, Row, Span, Table, Times, listed
 from .selection import ALL, Selection
 
 
@@ -43,14 +44,12 @@ def build(*runs: Run, baseline: str | None = None) -> Table:
     `baseline` names the method whose paired differences the other rows show. Raises `InputError` for runs that cannot
     stand in one table and for an unknown baseline.
     """
-    for other in runs[1:]:
-        if why := mismatch(runs[0], other):
-            raise InputError(f"these runs cannot share a table: {why}")
-    protocol = runs[0].plan.protocol
+    run = merged(runs)
+    protocol = run.plan.protocol
     metrics = tuple(map(shown_metric, protocol.metrics))
     groups = tuple(map(_group, protocol.columns))
     columns = tuple(Column(group, metric) for group in groups for metric in metrics)
-    sources = tuple(_sources(completed(runs)))
+    sources = tuple(_sources(run))
     against = _position(sources, baseline) if baseline else None
     notes = Footnotes()
     kinds: list[Kind] = [source.method.role for source in sources]
@@ -71,10 +70,10 @@ def build(*runs: Run, baseline: str | None = None) -> Table:
     order = tuple(agreements(columns, rows, [source.values for source in sources], published))
     title = f"{protocol.title} ({protocol.label})"
     named = "" if against is None else sources[against].title
-    of_frames = dict.fromkeys(remark for run in runs for cell in run.cells for remark in cell.remarks)
+    of_frames = dict.fromkeys(remark for cell in run.cells for remark in cell.remarks)
     remarks = (*_remarks(protocol), *_old_times(runs), *of_frames)
     limits = tuple(_limits(rows, named))
-    seeds = tuple(sorted({seed for run in runs for seed in run.plan.seeds}))
+    seeds = tuple(sorted({seed for method in run.plan.methods for seed in run.plan.seeds_for(method.name)}))
     return Table(title, columns, (*rows, *published), notes.texts(), remarks, order, named, limits, seeds)
 
 
@@ -111,28 +110,13 @@ class _Source:
     cells: list[CellRecord]
 
 
-def _sources(runs: Sequence[Run]) -> Iterator[_Source]:
-    """The methods of all runs, each once."""
-    labels = _labels(runs)
-    seen: dict[str, list[set[str]]] = {}
-    for run, label in zip(runs, labels, strict=True):
-        values, cells = values_of(run), run.in_order
-        for method in run.plan.methods:
-            name = method.name
-            of_method = [cell for cell in cells if cell.method.name == name]
-            keys = {cell.key for cell in of_method}
-            before = seen.setdefault(name, [])
-            if keys not in before:
-                mark = f" ({label})" if before else ""
-                columns = {column: found for (owner, column), found in values.items() if owner == name}
-                yield _Source(f"{name}{mark}", f"{method.title}{mark}", method, columns, of_method)
-                before.append(keys)
-
-
-def _labels(runs: Sequence[Run]) -> list[str]:
-    """The names of the folders, or their paths where names are alike."""
-    names = [run.folder.resolve().name for run in runs]
-    return names if len(set(names)) == len(names) else [str(run.folder) for run in runs]
+def _sources(run: Run) -> Iterator[_Source]:
+    """The methods of a run."""
+    values, cells = values_of(run), run.in_order
+    for method in run.plan.methods:
+        columns = {column: found for (owner, column), found in values.items() if owner == method.name}
+        of_method = [cell for cell in cells if cell.method.name == method.name]
+        yield _Source(method.name, method.title, method, columns, of_method)
 
 
 def _position(sources: Sequence[_Source], baseline: str) -> int:
@@ -226,6 +210,27 @@ def _row(source: _Source, kind: Kind, cells: tuple[Aggregate, ...]) -> Row:
         enrolment=source.method.enrolment,
         here=source.method.timed,
         floor=_is_floor(source.method),
+        footprint=_footprint([cell.cost for cell in source.cells]),
+    )
+
+
+def _footprint(costs: Sequence[Cost]) -> Footprint:
+    """Medians over cells, with the extremes."""
+
+    def span(values: Iterator[float | None], scale: float = 1.0) -> Span | None:
+        return _seconds([None if value is None else value / scale for value in values])
+
+    gpus = (max((own for own in (each.vram_mb, each.train_vram_mb) if own is not None), default=None) for each in costs)
+    weights = span((each.weights_bytes for each in costs), 2**20)
+    frames = (each.energy_j / each.drawn if each.energy_j is not None and each.drawn else None for each in costs)
+    return Footprint(
+        span(each.peak_mb for each in costs),
+        span(each.train_peak_mb for each in costs),
+        span(gpus),
+        span((each.avatar_bytes for each in costs), 2**20),
+        None if weights is None else weights.high,
+        max((each.parameters for each in costs if each.parameters is not None), default=None),
+        span(frames),
     )
 
 

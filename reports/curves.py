@@ -36,7 +36,7 @@ def curves(run: Run) -> dict[str, tuple[Curve, ...]]:
     for cell in run.cells:
         of_method = found[cell.method.name]
         if cell.prior is not None and cell.prior not in of_method:
-            prior = run.store.read_prior(cell.prior)
+            prior = run.read_prior(cell.prior)
             if prior is not None and (terms := _terms(prior.curve)):
                 of_method[cell.prior] = Curve(cell.seed, "", terms)
         if terms := _terms(cell.curve):

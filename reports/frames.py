@@ -48,7 +48,7 @@ class Answer:
         if query not in self.cell.predictions:
             return None, self.frame.reason or "no picture was kept"
         try:
-            return run.store.read_prediction(self.cell, query).image, ""
+            return run.read_prediction(self.cell, query).image, ""
         except Damaged:
             raise
         except InputError as error:

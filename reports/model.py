@@ -11,6 +11,7 @@ from typing import Literal
 from handbench.results.record import UNEQUAL as UNEQUAL
 from handbench.results.statistics import Difference
 
+MEMORY_TITLES = ("drawing MiB", "training MiB", "GPU MiB", "avatar MiB", "weights MiB", "parameters", "J a frame")
 COST_TITLES = ("train s", "personalise s", "new pose ms", "known pose, new light ms", "min–max", "non-linearity")
 LIGHT_TITLES = {  # of frame kinds, from the light that costs most to the one that costs least
     "environment": "an environment",
@@ -131,12 +132,34 @@ class Times:
 
 
 @dataclass(frozen=True)
+class Footprint:
+    """What a method takes of the machine beside time (`handbench.results.record.Cost`); None where it is not told.
+
+    Over cells: the greatest resident memory while drawing and while training, and that of GPUs in either, the size of
+    an avatar's arrays, all in MiB; the trained state's size in MiB and its numbers; joules for a drawn frame.
+    """
+
+    memory_mb: Span | None = None
+    train_memory_mb: Span | None = None
+    vram_mb: Span | None = None
+    avatar_mb: Span | None = None
+    weights_mb: float | None = None
+    parameters: int | None = None
+    frame_j: Span | None = None
+
+    @property
+    def told(self) -> bool:
+        return any(value is not None for value in vars(self).values())
+
+
+@dataclass(frozen=True)
 class Row:
     """A method's line. Only kind "method" can be best: calibration and published rows are there for comparison.
 
     enrolment       what enrolment gave it (`handbench.bench.given.Enrolled`), "" where a run does not tell
     here            whether its answers were computed in the run, not read from a folder
     floor           a calibration row that every method must be better than
+    footprint       what it takes of the machine beside time
     marker          how a paper marks the row, "" if not
     nonlinearity    greatest deviation from linearity in light (`handbench.results.laws`) in any cell; None if unknown
     """
@@ -152,6 +175,7 @@ class Row:
     enrolment: str = ""
     here: bool = True
     floor: bool = False
+    footprint: Footprint = Footprint()
 
     @property
     def suffix(self) -> str:
@@ -266,6 +290,11 @@ class Table:
         return next((kind for kind in LIGHT_TITLES if kind in timed), "environment")
 
     @property
+    def footprints(self) -> tuple[Row, ...]:
+        """The rows whose memory, sizes or energy are told."""
+        return tuple(row for row in self.computed if row.footprint.told)
+
+    @property
     def groups(self) -> tuple[Group, ...]:
         return tuple(dict.fromkeys(column.group for column in self.columns))
 
@@ -351,6 +380,25 @@ def cost_texts(row: Row, kind: str) -> tuple[str, ...]:
     spread = f"{three_digits(known.low)}–{three_digits(known.high)}" if known else "–"
     seconds = map(duration, (times.train_s, times.personalise_s, times.new_pose_ms.get(kind), known))
     return (*seconds, spread, scientific(row.nonlinearity))
+
+
+def memory_texts(row: Row) -> tuple[str, ...]:
+    """Memory, sizes and energy as text in the order of `MEMORY_TITLES`."""
+    own = row.footprint
+    spans = (own.memory_mb, own.train_memory_mb, own.vram_mb, own.avatar_mb)
+    weights = "–" if own.weights_mb is None else three_digits(own.weights_mb)
+    return (*map(duration, spans), weights, amount(own.parameters), duration(own.frame_j))
+
+
+def amount(value: float | None) -> str:
+    """A count for reading: "512", "84 thousand", "1.2 million", "–" for none."""
+    if value is None:
+        return "–"
+    for size, name in ((1e9, " billion"), (1e6, " million"), (1e3, " thousand")):
+        if value >= size:
+            scaled = value / size
+            return f"{scaled:.1f}{name}" if scaled < 10 else f"{scaled:.0f}{name}"
+    return f"{value:.0f}"
 
 
 def scientific(value: float | None) -> str:

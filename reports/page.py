@@ -14,24 +14,27 @@ from .figures import ERROR_SCALE, Panel
 from .frames import KINDS
 from .model import (
     LIGHT_TITLES,
+    MEMORY_TITLES,
     SUNK,
     UNEQUAL_NOTE,
     Aggregate,
     Column,
     Span,
     Table,
+    amount,
     bounds,
     chance,
     duration,
     letter,
     listed,
     marks,
+    memory_texts,
     number,
     scientific,
     signed,
     three_digits,
 )
-from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, clock, draw, enrolments, told
+from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments, shown, told
 from .pictures import colour_stops, error_uri, image_uri, png_uri
 from .run import Run, machine
 from .speed import speed_section
@@ -51,7 +54,7 @@ class Shown:
     viewer: Viewer | None = None
 
 
-def render_page(table: Table, run: Run, shown: Shown) -> str:
+def render_page(table: Table, run: Run, also: Shown) -> str:
     """The HTML text of a run's page. It holds no date, so the same run gives the same page."""
     page = environment(
         image_uri=image_uri,
@@ -67,6 +70,8 @@ def render_page(table: Table, run: Run, shown: Shown) -> str:
     page.globals.update(
         unequal_note=UNEQUAL_NOTE,
         sunk=SUNK,
+        memory_titles=MEMORY_TITLES,
+        memory_texts=memory_texts,
         signed=signed,
         bounds=bounds,
         chance=chance,
@@ -76,30 +81,32 @@ def render_page(table: Table, run: Run, shown: Shown) -> str:
         headline=headline,
         sentence=sentence,
     )
-    page.globals.update(draw=draw, told=told, clock=clock, times=TIMES, frame=FRAME, width=WIDTH, height=HEIGHT)
+    page.globals.update(draw=draw, told=told, shown=shown, times=TIMES, frame=FRAME, width=WIDTH, height=HEIGHT)
     page.globals.update(enrolments=enrolments)
     studies = {"speed": speed_section(run.folder), "stress": stress_section(run.folder)}
-    panels = groupby(shown.panels, key=lambda panel: panel.kind)
+    panels = groupby(also.panels, key=lambda panel: panel.kind)
     return page.get_template("page.html").render(
         table=table,
         plan=run.plan,
         verdict=answer(table),
         scope=" ".join(_scope(table)),
         checks=_checks(table, run),
-        contents=_contents(table, shown, studies),
+        contents=_contents(table, also, studies),
         figures=[(KINDS[kind], tuple(of_kind)) for kind, of_kind in panels],
         colour_stops=colour_stops(),
         error_scale=ERROR_SCALE,
         first_metric=table.metrics[0],
         skipped=_skipped(table, run),
-        losses=shown.losses,
-        plots=shown.plots,
-        viewer=shown.viewer,
+        losses=also.losses,
+        plots=also.plots,
+        viewer=also.viewer,
         studies={name: section for name, section in studies.items() if section},
         linear_limit=LINEAR,
         light_titles=LIGHT_TITLES,
         resamples=RESAMPLES,
-        machine=machine(run.plan.provenance.device),
+        machine_of=machine,
+        plans=[part.plan for part in run.parts or (run,)],
+        folders=[part.folder.resolve().name for part in run.parts or (run,)],
     )
 
 
@@ -141,12 +148,13 @@ def _contents(table: Table, shown: Shown, studies: Mapping[str, str | None]) -> 
 
 def _checks(table: Table, run: Run) -> list[tuple[bool, str]]:
     """What a reader wants to know before reading the numbers: (fine?, sentence)."""
-    planned, finished = len(run.plan.cells), len(run.cells)
+    planned, finished = len(run.plan.cells), len({cell.key for cell in run.cells})
     gaps = sum(not cell.complete for row in table.rows for cell in row.cells)
     unequal = dict.fromkeys(cell.method.title for cell in run.cells if cell.same_pixels is False)
     linear = {method.name for method in run.plan.methods if method.linear}
     bent = [row.title for row in table.rows if row.name in linear and (row.nonlinearity or 0.0) > LINEAR]
-    git = run.plan.provenance.git
+    origins = [part.plan.provenance.git for part in run.parts or (run,)]
+    git = next((each for each in origins if each is None or each.dirty), origins[0])
     origin = "source code had uncommitted changes" if git and git.dirty else "source code as committed"
     return [
         (
@@ -170,7 +178,7 @@ def _skipped(table: Table, run: Run) -> list[tuple[str, str]]:
                 totals = sums.setdefault(what, [0, 0])
                 totals[0] += saved.total
                 totals[1] += saved.skipped
-        parts = [f"{what} {_share(*totals)} of {_count(totals[0])}" for what, totals in sums.items() if totals[1]]
+        parts = [f"{what} {_share(*totals)} of {amount(totals[0])}" for what, totals in sums.items() if totals[1]]
         if parts:
             lines.append((row.title, ", ".join(parts)))
     return lines
@@ -179,15 +187,6 @@ def _skipped(table: Table, run: Run) -> list[tuple[str, str]]:
 def _share(total: int, skipped: int) -> str:
     percent = 100.0 * skipped / total
     return f"{percent:.0f} %" if percent >= 1.0 else "under 1 %"
-
-
-def _count(value: int) -> str:
-    """A count for reading: "512", "84 thousand", "1.2 million"."""
-    for size, name in ((1e9, " billion"), (1e6, " million"), (1e3, " thousand")):
-        if value >= size:
-            scaled = value / size
-            return f"{scaled:.1f}{name}" if scaled < 10 else f"{scaled:.0f}{name}"
-    return str(value)
 
 
 def _cell_text(cell: Aggregate, column: Column) -> str:

@@ -22,6 +22,7 @@ TIMES = {
     "known": "Known pose, new light, a frame",
     "new": "New pose, a frame",
     "training": "Training and one personalisation",
+    "memory": "Greatest memory while drawing",
 }
 WIDTH, HEIGHT = 360, 240  # of a drawing
 FRAME = Box(46, 18, 348, 202)  # the plot in it
@@ -107,9 +108,12 @@ def plots(table: Table) -> tuple[Plot, ...]:
 
 
 def seconds(row: Row, time: str, kind: str) -> float | None:
-    """A row's time, of poses under a kind of light; None if it was not measured or is too short for a clock."""
+    """A row's time, of poses under a kind of light, or its memory in MiB; None if it was not measured."""
     times = row.times
-    if time == "training":
+    if time == "memory":
+        held = row.footprint.memory_mb
+        found = None if held is None else held.median
+    elif time == "training":
         parts = [span.median for span in (times.train_s, times.personalise_s) if span is not None]
         found = sum(parts) if parts else None
     else:
@@ -136,7 +140,7 @@ def draw(plot: Plot) -> Drawing:
     corners = tuple(_corners([(x(point.seconds), y(point.score)) for point in plot.front]))
     labels = placed([point.label for point in plot.points], spots, corners, FRAME)
     marks = tuple((point, *spot, label) for point, spot, label in zip(plot.points, spots, labels, strict=True))
-    x_ticks = tuple((x(value), clock(value)) for value in _times(10**first, 10**last))
+    x_ticks = tuple((x(value), shown(plot, value)) for value in _times(plot, 10**first, 10**last))
     y_ticks = tuple((y(value), text) for value, text in _ticks(low, high))
     bars = {
         point: (y(max(point.low, low)), y(min(point.high, high)))
@@ -151,7 +155,7 @@ def told(plot: Plot) -> str:
     parts = []
     for point in plot.points:
         score = f"{number(point.score, plot.metric.decimals)} {plot.metric.unit}".strip()
-        parts.append(f"{point.name}: {clock(point.seconds)}, {score}{_WORDS[point.kind]}")
+        parts.append(f"{point.name}: {shown(plot, point.seconds)}, {score}{_WORDS[point.kind]}")
     return "; ".join(parts) + "."
 
 
@@ -161,6 +165,11 @@ def enrolments(found: Sequence[Plot]) -> str:
     for point in (point for plot in found for point in plot.points if point.kind != "calibration"):
         titles.setdefault(point.enrolment or "not told", {})[point.title] = None
     return "; ".join(f"{enrolment} ({', '.join(each)})" for enrolment, each in titles.items())
+
+
+def shown(plot: Plot, value: float) -> str:
+    """A value of the level axis with its unit."""
+    return f"{value:.{3 if value < 1000 else 6}g} MiB" if plot.time == "memory" else clock(value)
 
 
 def clock(value: float) -> str:
@@ -187,9 +196,10 @@ def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
             kind: Kind = "calibration" if row.kind == "calibration" else "beaten" if cell.complete else "gap"
             points.append(Point(row.title, cost, cell.value, kind, row.enrolment, low=cell.low, high=cell.high))
     points, far = _in_sight(points)
+    empty = Plot(group, metric, time, (), ())
     for point in far:
         place = f"{number(point.score, metric.decimals)} {metric.unit}".strip()
-        left_out.append(f"{point.title}: off the scale at {clock(point.seconds)}, {place}")
+        left_out.append(f"{point.title}: off the scale at {shown(empty, point.seconds)}, {place}")
     mixed = len({point.enrolment for point in points if point.kind != "calibration"}) > 1
     ordered: list[Point] = []
     best = -math.inf
@@ -244,13 +254,13 @@ def _ticks(low: float, high: float) -> Iterator[tuple[float, str]]:
         yield i * step, number(i * step, decimals)
 
 
-def _times(low: float, high: float) -> tuple[float, ...]:
+def _times(plot: Plot, low: float, high: float) -> tuple[float, ...]:
     """Round times between two: as many as have room beside each other."""
     scale = (FRAME.right - FRAME.left) / math.log10(high / low)
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     for steps in _STEPS:
         found = tuple(step * 10.0**power for power in powers for step in steps if low <= step * 10.0**power <= high)
-        wide = [_ROOM * width(clock(value)) for value in found]
+        wide = [_ROOM * width(shown(plot, value)) for value in found]
         if all(
             scale * math.log10(later / earlier) >= (one + other) / 2
             for (earlier, later), (one, other) in zip(pairwise(found), pairwise(wide), strict=True)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from handbench.results.reading import Run, read_plan, read_run
+from handbench.results.reading import Run, merged, read_plan, read_run
 from handbench.results.record import Device
 
-__all__ = ["Run", "machine", "read_plan", "read_run"]
+__all__ = ["Run", "machine", "merged", "read_plan", "read_run"]
 
 
 def machine(device: Device | None) -> str:

@@ -14,6 +14,7 @@ from handbench.results.statistics import Difference
 from .agreement import headline, sentence
 from .model import (
     COST_TITLES,
+    MEMORY_TITLES,
     SUNK,
     UNEQUAL,
     UNEQUAL_NOTE,
@@ -29,6 +30,7 @@ from .model import (
     costs_title,
     letter,
     marks,
+    memory_texts,
     number,
     signed,
 )
@@ -49,7 +51,8 @@ def render_terminal(table: Table, style: Style = PLAIN) -> RenderableType:
     told = (*table.remarks, *table.limits, legend, *((UNEQUAL_NOTE,) if table.unequal else ()))
     remarks = [*(Text(text, style="dim") for text in told), *map(Text, answer(table).sentences)]
     grids = [grid for group in table.groups for grid in (_grid(table, group, style), *_differences(table, group))]
-    return Lines(Text(table.title, style="bold"), *grids, *_costs(table, style), *_agreements(table), *notes, *remarks)
+    costs = (*_costs(table, style), *(() if style.times is False else _footprints(table)))
+    return Lines(Text(table.title, style="bold"), *grids, *costs, *_agreements(table), *notes, *remarks)
 
 
 def _agreements(table: Table) -> Iterator[Text]:
@@ -108,6 +111,19 @@ def _costs(table: Table, style: Style) -> Iterator[RichTable]:
         grid.add_column(title.replace(" ", "\n").replace("non-", "non-\n"), justify="right", overflow="fold")
     for row in table.computed:
         grid.add_row(*_head(row), *cost_texts(row, table.timed_kind))
+    yield grid
+
+
+def _footprints(table: Table) -> Iterator[RichTable]:
+    if not table.footprints:
+        return
+    texts = [memory_texts(row) for row in table.footprints]
+    told = [i for i in range(len(MEMORY_TITLES)) if any(text[i] != "–" for text in texts)]
+    grid = _empty("Memory, sizes and energy", table.footprints)
+    for i in told:
+        grid.add_column(MEMORY_TITLES[i].replace(" ", "\n", 1), justify="right", overflow="fold")
+    for row, text in zip(table.footprints, texts, strict=True):
+        grid.add_row(*_head(row), *(text[i] for i in told))
     yield grid
 
 

@@ -10,11 +10,13 @@ from collections.abc import Iterator
 from .agreement import headline, sentence
 from .model import (
     COST_TITLES,
+    MEMORY_TITLES,
     SUNK,
     UNEQUAL,
     UNEQUAL_NOTE,
     Aggregate,
     Column,
+    Footprint,
     Row,
     Span,
     Table,
@@ -25,6 +27,7 @@ from .model import (
     costs_title,
     letter,
     marks,
+    memory_texts,
     number,
     signed,
 )
@@ -63,14 +66,17 @@ def lines(table: Table) -> Iterator[dict[str, object]]:
     """One line a value, in full precision.
 
     Of a method alone are lines with the metrics train_s, personalise_s, new_pose_ms.KIND and known_pose_ms.KIND for
-    each kind of frame, and nonlinearity. Lines of kind "agreement" hold Kendall's tau of a column, with its inversions
-    as reasons. With a baseline there are more columns, which hold the paired difference to it.
+    each kind of frame, of memory, sizes and energy, and nonlinearity. Lines of kind "agreement" hold Kendall's tau of a
+    column, with its inversions as reasons. With a baseline more columns hold the paired difference to it.
     """
     for row in table.rows:
         head = dict(zip(CSV_METHOD, (row.name, row.title, row.kind, row.fidelity, row.enrolment), strict=True))
         for column, cell in zip(table.columns, row.cells, strict=True):
             yield {**head, **_csv_column(column), **_csv_cell(row, cell, table)}
         for name, unit, span in _measured(row.times):
+            values = {"value": span.median, "low": span.low, "high": span.high}
+            yield {**head, "metric": name, "unit": unit, "higher_is_better": False, **values}
+        for name, unit, span in _taken(row.footprint):
             values = {"value": span.median, "low": span.low, "high": span.high}
             yield {**head, "metric": name, "unit": unit, "higher_is_better": False, **values}
         if row.nonlinearity is not None:
@@ -91,6 +97,18 @@ def _measured(times: Times) -> Iterator[tuple[str, str, Span]]:
     for name in ("new_pose_ms", "known_pose_ms"):
         for kind, span in getattr(times, name).items():
             yield f"{name}.{kind}", "ms", span
+
+
+def _taken(own: Footprint) -> Iterator[tuple[str, str, Span]]:
+    """Name, unit and value of what is told of memory, sizes and energy."""
+    for name, unit in (("memory_mb", "MiB"), ("train_memory_mb", "MiB"), ("vram_mb", "MiB"), ("avatar_mb", "MiB")):
+        if (span := getattr(own, name)) is not None:
+            yield name, unit, span
+    for name, unit in (("weights_mb", "MiB"), ("parameters", "")):
+        if (value := getattr(own, name)) is not None:
+            yield name, unit, Span(value, value, value)
+    if own.frame_j is not None:
+        yield "frame_j", "J", own.frame_j
 
 
 def _csv_column(column: Column) -> dict[str, object]:
@@ -137,6 +155,11 @@ def _markdown(table: Table, style: Style) -> Iterator[str]:
         yield from _pipes(["Method", *COST_TITLES])
         for row in table.computed:
             yield _line([_title(row), *cost_texts(row, table.timed_kind)])
+    if style.times is not False and table.footprints:
+        yield "\n## Memory, sizes and energy\n"
+        yield from _pipes(["Method", *MEMORY_TITLES])
+        for row in table.footprints:
+            yield _line([_title(row), *memory_texts(row)])
     if table.agreements:
         yield "\n## Order of methods beside the published one\n"
     for agreement in table.agreements:

@@ -26,7 +26,7 @@ def truth_of(run: Run) -> Truth:
         if query not in cells:
             return None
         try:
-            picture = run.store.read_prediction(cells[query], query)
+            picture = run.read_prediction(cells[query], query)
         except Damaged:
             raise
         except InputError:

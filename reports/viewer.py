@@ -78,7 +78,7 @@ def viewer(run: Run, table: Table) -> Viewer | None:
         "colours": palette().tobytes().hex(),
         "frames": frames,
     }
-    seeds = run.plan.seeds
+    seeds = table.seeds
     return Viewer(data, len(frames), len(chosen), len(scored), seeds[0] if len(seeds) > 1 else None)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import groupby
@@ -19,7 +20,7 @@ from handbench.results.schema import plain
 from .agreement import as_json
 from .build import build
 from .latex import render_latex
-from .run import Run, read_run
+from .run import Run, merged, read_run
 from .text import render_csv, render_markdown
 
 if TYPE_CHECKING:
@@ -33,40 +34,48 @@ _FILE = re.compile(rf"({FIGURES}/)?[^/\\]+")
 _REMEDY = "make it writable, or copy the run to a folder of yours and report that"
 
 
-def write_reports(run_folder: Path, figures: bool = False, table: Table | None = None) -> dict[str, Path]:
+def write_reports(
+    run_folder: Path,
+    figures: bool = False,
+    table: Table | None = None,
+    others: Sequence[Path] = (),
+    baseline: str | None = None,
+    out: Path | None = None,
+) -> dict[str, Path]:
     """Write `report/` in the run folder: index.html, table.tex, table.csv, table.md.
 
     A run with published orders of methods has agreement.json, with every pair of methods, as well. With `figures`
     there are figures/*.png and *.pdf for papers too; a report that once had them keeps them up to date.
-    `table` is the table of this run, if it has been made already.
+    `table` is the table of this run, if it has been made already. `others` are runs that share the page, `baseline`
+    the method whose differences it shows; such a report goes into `out`, by default `compared/` in the run folder.
 
-    Returns the files by their path inside `report/`. When the run has not changed since the last call,
+    Returns the files by their path inside the report's folder. When the runs have not changed since the last call,
     nothing is computed. A file is replaced whole or not at all. Raises `InputError` for a folder without
-    a readable run and `StorageError` if a file cannot be written.
+    a readable run and runs that cannot share a table, and `StorageError` if a file cannot be written.
     """
-    run = read_run(run_folder)
-    folder = run_folder / "report"
-    for place in (folder, folder / FIGURES):
-        run.store.own(place)
-    digest = _digest(run)
+    run = merged([read_run(folder) for folder in (run_folder, *others)])
+    folder = out or run_folder / ("compared" if others or baseline else "report")
+    if out is None:
+        for place in (folder, folder / FIGURES):
+            run.store.own(place)
+    digest = _digest(run.parts or (run,), baseline)
     asked = figures or (folder / FIGURES).is_dir()
     written = _written(folder, digest, asked)
     if written is None:
-        contents = _contents(run, asked, table)
+        contents = _contents(run, asked, table or build(run, baseline=baseline))
         written = sorted(contents)
         with writing(folder, _REMEDY):
             _write(folder, contents, digest)
     return {name: folder / name for name in written}
 
 
-def _contents(run: Run, figures: bool, table: Table | None) -> dict[str, bytes]:
+def _contents(run: Run, figures: bool, table: Table) -> dict[str, bytes]:
     from .curves import loss_figures  # imports matplotlib, which a cached report does without
     from .figures import panels
     from .page import Shown, render_page
     from .pareto import plots
     from .viewer import viewer
 
-    table = table or build(run)
     shown = Shown(tuple(panels(run)), tuple(loss_figures(run)), plots(table), viewer(run, table))
     texts = {
         "index.html": render_page(table, run, shown),
@@ -86,25 +95,29 @@ def _figures(shown: Shown, table: Table) -> dict[str, bytes]:
     found = {f"{FIGURES}/losses-{name}.png": picture for name, _, picture in shown.losses}
     by_kind = groupby(shown.panels, key=lambda panel: panel.kind)
     grids = [(kind, grid(tuple(of_kind), table.metrics[0])) for kind, of_kind in by_kind]
-    for name, files in (*grids, *pareto_figures(shown.plots)):
+    for name, files in (*grids, *pareto_figures([plot for plot in shown.plots if plot.time != "memory"])):
         found |= {f"{FIGURES}/{name}.{kind}": content for kind, content in files.items()}
     return found
 
 
-def _digest(run: Run) -> str:
-    """Of all a report is made from: plan, cells, trainings, studies, and the code and templates that show them."""
-    origin = replace(run.plan.provenance, started="")  # not shown: the same results give the same page
-    plan = plain(replace(run.plan, provenance=origin))
-    digest = hashlib.sha256(json.dumps([handbench.__version__, plan], sort_keys=True).encode())
-    here, folder = Path(__file__).parent, run.folder
-    cells = (folder / "cells" / f"{key}.json" for key in run.plan.cells)
-    trainings = sorted((folder / "priors").glob("*/train.json"))
-    studies = [path for path in sorted(folder.glob("*.json")) if path.name != "run.json"]  # of speed and stress
+def _digest(runs: Sequence[Run], baseline: str | None) -> str:
+    """Of all a report is made from: plans, cells, trainings, studies, and the code and templates that show them."""
+    digest = hashlib.sha256(json.dumps([handbench.__version__, baseline]).encode())
+    here = Path(__file__).parent
     for path in (*sorted(here.glob("*.py")), *sorted((here / "templates").iterdir())):
         digest.update(f"\0{path.name}\0".encode() + path.read_bytes())
-    for path in (*cells, *trainings, *studies):
-        with suppress(Absent):
-            digest.update(f"\0{path.name}\0".encode() + read_bytes(run.store.own(path), JSON_LIMIT))
+    for run in runs:
+        origin = replace(run.plan.provenance, started="")  # not shown: the same results give the same page
+        plan = plain(replace(run.plan, provenance=origin))
+        digest.update(json.dumps([str(run.folder) if len(runs) > 1 else "", plan], sort_keys=True).encode())
+        cells = (run.folder / "cells" / f"{key}.json" for key in run.plan.cells)
+        trainings = sorted((run.folder / "priors").glob("*/train.json"))
+        studies = [
+            path for path in sorted(run.folder.glob("*.json")) if path.name != "run.json"
+        ]  # speed, stress, audit
+        for path in (*cells, *trainings, *studies):
+            with suppress(Absent):
+                digest.update(f"\0{path.name}\0".encode() + read_bytes(run.store.own(path), JSON_LIMIT))
     return digest.hexdigest()
 
 

@@ -16,7 +16,7 @@ from ..errors import Changed, Unsupported
 from ..method import Avatar, Method, MethodInfo, Progress
 from ..recording import Recording
 from ..results.laws import measured
-from ..results.record import CurvePoint, Laws, Saved, ScoredFrame, Times
+from ..results.record import Cost, CurvePoint, Laws, Saved, ScoredFrame, Times
 from ..scene import Frame, Prediction
 from ..skips import tallied
 from . import given
@@ -24,6 +24,7 @@ from .drawing import Drawing, light_refusal, repeated, same_picture, spreads
 from .failure import Failure, failure
 from .isolation import isolated
 from .lending import Lender
+from .metering import Meter, held_bytes, kept_size, metered, parameters
 from .plan import Cell
 from .priors import Curve, Priors, Training
 from .protocol import Protocol, Selected
@@ -72,6 +73,7 @@ class Measured:
     skipped: dict[str, Saved] = field(default_factory=dict)
     curve: tuple[CurvePoint, ...] = ()
     remarks: tuple[str, ...] = ()
+    cost: Cost = field(default_factory=Cost)
 
 
 def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Progress]) -> Measured:
@@ -93,7 +95,7 @@ def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Pro
         found = replace(nothing, skipped=found.skipped, curve=found.curve)
     if not method.info.timed:
         untold = replace(found.times, train_s=None, personalise_s=None, new_pose_ms={}, known_pose_ms={})
-        found = replace(found, times=untold)
+        found = replace(found, times=untold, cost=Cost())
     return found
 
 
@@ -119,10 +121,30 @@ def _compute(
     except BaseException as error:
         return _failed(bench, scored, blame(error, bench.reader), times), Laws
     # Of drawing alone: what of a training falls to which cell depends on when a run was stopped.
-    with tallied() as tally:
+    with tallied() as tally, metered() as meter:
         found, laws = _relight(bench, cell, method.info, avatar, scored, times, steps(f"{label}: relight"))
+    found = replace(found, cost=_cost(bench, cell.prior, meter, found.times, avatar))
     skipped = {what: Saved(saved.total, saved.skipped) for what, saved in tally.lines().items()}
     return replace(found, skipped=skipped, curve=curve.points()), laws
+
+
+def _cost(bench: Bench, prior: str, meter: Meter, times: Times, avatar: Avatar) -> Cost:
+    """What was measured while drawing and while training, and how large what is kept is."""
+    kept, state = bench.store.prior(prior), bench.store.prior_state(prior)
+    training = (kept.peak_mb, kept.vram_mb, kept.energy_j) if kept else (None, None, None)
+    drawn = sum(spread.n for by_kind in (times.new_pose_ms, times.known_pose_ms) for spread in by_kind.values())
+    return Cost(
+        peak_mb=meter.peak_mb,
+        train_peak_mb=training[0],
+        vram_mb=meter.vram_mb,
+        train_vram_mb=training[1],
+        energy_j=meter.energy_j,
+        train_energy_j=training[2],
+        drawn=drawn,
+        parameters=parameters(state),
+        weights_bytes=kept_size(state),
+        avatar_bytes=held_bytes(avatar),
+    )
 
 
 def _relight(

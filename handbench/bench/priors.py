@@ -11,6 +11,7 @@ from ..files import writing
 from ..method import Method, Prior, Progress, Recording
 from ..render.see.shadowstore import default_folder, kept_on_disk
 from ..results.record import CurvePoint
+from .metering import metered
 from .store import Store
 
 _CURVE_POINTS = 500
@@ -66,7 +67,8 @@ class Priors:
         with self._store.writing_prior(key, method.info.name, asked.seed, method.config) as new:
             start = time.perf_counter()
             # shadows kept on disk are not for relighting: its times must not depend on them
-            with kept_on_disk(default_folder(), _SHADOW_BYTES), self._store.checkpoints(key) as state:
+            shadows = kept_on_disk(default_folder(), _SHADOW_BYTES)
+            with shadows, self._store.checkpoints(key) as state, metered() as new.meter:
                 prior = method.train(asked.recording(), asked.seed, curve)
             asked.check()
             new.train_s = time.perf_counter() - start + state.earlier_s

@@ -15,6 +15,7 @@ from ..shards import Shard
 from .changes import assigned
 from .describe import protocol_record, run_record
 from .executor import Done, Job, Site, finished, work
+from .joining import joined, kept
 from .plan import Cell, Plan, by_prior, check_preset, default_methods
 from .progress import Steps, steps
 from .protocol import Protocol
@@ -31,7 +32,8 @@ class Outcome:
     `computed` and `reused` count cells, of the shard if it was one, and `taken` those of the reused that came from
     other run folders; `crashed` names those whose method crashed, and why; `refused` names those computed now whose
     method needs what is not given, and why; `missing` names those of other shards that are not there yet: without any,
-    a report is complete.
+    a report is complete. `kept` names rows of earlier commands that the folder's tables still show, `gone` those that
+    they no longer do, and why.
     """
 
     folder: Path
@@ -41,6 +43,8 @@ class Outcome:
     missing: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
     taken: int = 0
+    kept: tuple[str, ...] = ()
+    gone: tuple[str, ...] = ()
 
 
 def find_protocol(name: str) -> Protocol:
@@ -106,13 +110,17 @@ def run(
         missing = [cell for cell in missing if not finished(job.store.cell(cell.key))] if taken else missing
         done = Done()
         refused: tuple[str, ...] = ()
+        gone: tuple[str, ...] = ()
         if missing or not _refresh(job.store, plan):
             site = Site(job, plan, tools or job.make_tools(), capture)
-            _announce(site, shard)
+            gone = _announce(site, shard)
             refused = tuple(f"{cell.label}: {site.refused[cell.key]}" for cell in missing if cell.key in site.refused)
             done = _execute(site, missing, told, executor, cpus)
             job.store.sweep()  # of those that were killed meanwhile
-    return replace(_outcome(folder, job.store, plan, cells, missing, done), refused=refused, taken=taken)
+    record = job.store.run()
+    rows = kept(record, names) if record else ()
+    more = {"refused": refused, "taken": taken, "kept": rows, "gone": gone}
+    return replace(_outcome(folder, job.store, plan, cells, missing, done), **more)
 
 
 def _outcome(
@@ -151,13 +159,22 @@ def _execute(site: Site, cells: Sequence[Cell], told: Steps, executor: str, cpus
     return work_on_ray(site, cells, told("all cells"), cpus)
 
 
-def _announce(site: Site, shard: Shard | None) -> None:
-    """Write run.json. Shards write the same one: where it tells their plan already it stays, and it names no shard."""
+def _announce(site: Site, shard: Shard | None) -> tuple[str, ...]:
+    """Write run.json, with what earlier commands planned in the folder; what of that is gone.
+
+    Shards write the same one: where it tells their plan already it stays, and it names no shard.
+    """
     store = site.job.store
-    if shard is not None and _refresh(store, site.plan):
-        return
+    if _refresh(store, site.plan) and shard is not None:
+        return ()
     origin = replace(site.origin, command=shlex.join(_without_shard(site.job.command or sys.argv)))
-    store.write_run(run_record(site.plan, site.tools.methods, site.tools.metrics, site.bench.selected, origin))
+    now = run_record(site.plan, site.tools.methods, site.tools.metrics, site.bench.selected, origin)
+    before = store.run()
+    earlier = before.seeds if before else ()
+    again = replace(site.job, seeds=tuple(dict.fromkeys((*now.seeds, *earlier)))).plan(site.capture)
+    found = joined(now, before, store.cell, {cell.key for cell in again.cells})
+    store.write_run(found.record)
+    return found.gone
 
 
 def _without_shard(command: Sequence[str]) -> list[str]:
@@ -182,7 +199,9 @@ def _known(store: Store, protocol: Protocol, presets: dict[str, str]) -> bool:
 def _refresh(store: Store, plan: Plan) -> bool:
     """Whether run.json already tells this plan; a changed title is brought up to date without loading anything."""
     told = store.run()
-    if told is None or told.cells != tuple(cell.key for cell in plan.cells):
+    if told is None or told.protocol.digest != plan.protocol.digest:
+        return False
+    if not {cell.key for cell in plan.cells} <= set(told.cells):
         return False
     queries = {column.name: column.queries for column in told.protocol.columns}
     now = protocol_record(plan.protocol, told.protocol.metrics, queries)

@@ -22,7 +22,7 @@ import socket
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
@@ -35,6 +35,7 @@ from ..files import JSON_LIMIT, read_bytes, writing
 from ..results.record import CellRecord, CurvePoint, PriorRecord, RunRecord
 from ..results.recordfile import dump, parse
 from ..scene import Prediction
+from .metering import Meter
 
 _Record = TypeVar("_Record", RunRecord, CellRecord, PriorRecord)
 _PARTS = ("cells", "predictions", "priors", "checkpoints", "claims")  # of a run folder
@@ -192,7 +193,9 @@ class Store:
             yield new
             with writing(target):
                 files = {file.relative_to(new.state).as_posix(): _sha256(file) for file in _files(new.state)}
-                record = PriorRecord(method, seed, new.train_s, files, new.curve, config)
+                about = (method, seed, new.train_s, files, new.curve)
+                taken = (new.meter.peak_mb, new.meter.vram_mb, new.meter.energy_j)
+                record = PriorRecord(*about, *taken, config)
                 _put(part / "train.json", dump(record))
                 if self.prior(key) is None:  # absent or damaged: not yet brought in by another process
                     shutil.rmtree(target, ignore_errors=True)
@@ -227,6 +230,7 @@ class Store:
             return False
         with self.writing_prior(key, record.method, record.seed, record.config) as new:
             new.train_s, new.curve = record.train_s, record.curve
+            new.meter = Meter(record.peak_mb, record.vram_mb, record.energy_j)
             for name in record.files:
                 (new.state / name).parent.mkdir(parents=True, exist_ok=True)
                 _link(state / name, new.state / name)
@@ -270,6 +274,7 @@ class NewPrior:
     state: Path
     train_s: float = 0.0
     curve: tuple[CurvePoint, ...] = ()
+    meter: Meter = field(default_factory=Meter)
 
 
 def _unless_damaged(read: Callable[[], _Record | None]) -> _Record | None:

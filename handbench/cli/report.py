@@ -65,7 +65,12 @@ def add(verbs: Any) -> None:
         help="the detail, in pixels of the recorded picture, or none (default: where methods are most wrong)",
     )
     figures.add_argument("--dpi", type=count, metavar="N", help="of PNG files (default: 160)")
-    figures.add_argument("--out", type=Path, metavar="DIR", help="where such figures go (default: RUN/figures)")
+    figures.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="where they go, and a page of several runs (default: RUN/figures, RUN/compared)",
+    )
     examples(
         report,
         "report runs/quick  # the table",
@@ -132,8 +137,10 @@ def _report(arguments: argparse.Namespace) -> int:
     if form == "figures" and _drawn(arguments):
         return _figures(arguments)
     if form in ("html", "figures"):
-        _check_page(arguments)
-        files = reports.write_reports(arguments.run[0], figures=form == "figures")
+        if form == "figures":
+            _check_page(arguments)
+        also = {"others": arguments.run[1:], "baseline": arguments.baseline, "out": arguments.out}
+        files = reports.write_reports(arguments.run[0], figures=form == "figures", **also)
         say(files["index.html"] if form == "html" else arguments.run[0] / "report" / "figures")
         return 0
     table = reports.table(*arguments.run, baseline=arguments.baseline, selection=_selection(arguments))
@@ -187,7 +194,8 @@ def _check_page(arguments: argparse.Namespace) -> None:
 
     if len(arguments.run) > 1 or arguments.baseline:
         raise InputError(
-            f"--format {arguments.format} shows one run without a baseline; tables take several runs and --baseline"
+            f"--format {arguments.format} shows one run without a baseline; tables and the page take several runs and "
+            "--baseline"
         )
 
 

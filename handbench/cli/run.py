@@ -130,6 +130,10 @@ def _say(outcome: Any, page: Path | None, shard: Any) -> None:
         say("the report is written by the shard that finishes last, or by the same command without --shard")
     else:
         say(f"report: {page}")
+    if outcome.kept:
+        say(f"also in the table, from earlier commands in this folder: {', '.join(outcome.kept)}")
+    for gone in outcome.gone:
+        say(f"no longer in the table: {gone}; its cells stay in {outcome.folder / 'cells'}")
     for refused in outcome.refused:
         say(f"not tried: {refused}")
 

@@ -197,11 +197,11 @@ def _methods(baseline: Run, methods: Sequence[str] | None) -> list[str]:
 
 def _incomparable(new: _Side, old: _Side, methods: Sequence[str]) -> Iterator[str]:
     """Other seeds, a method that is gone, other coverage."""
-    seeds = sorted(new.run.plan.seeds), sorted(old.run.plan.seeds)
-    if seeds[0] != seeds[1]:
-        yield f"the seeds differ: {new.run.folder} has {seeds[0]}, {old.run.folder} has {seeds[1]}"
-        return
     for method in methods:
+        seeds = [sorted(side.run.plan.seeds_for(method)) for side in (new, old)]
+        if seeds[0] != seeds[1] and method in new.names:
+            yield f"the seeds of {method} differ: {new.run.folder} has {seeds[0]}, {old.run.folder} has {seeds[1]}"
+            continue
         if method not in new.names:
             yield f"{new.run.folder} has no method {method!r}, which {old.run.folder} has"
             continue

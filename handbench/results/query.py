@@ -49,6 +49,8 @@ _CELLS = {
     "subject": "subject",
     "seed": "seed",
     **{name: f"times.{name}" for name in ("train_s", "personalise_s", "score_s")},
+    **{name: f"cost.{name}" for name in ("peak_mb", "train_peak_mb", "vram_mb", "energy_j", "parameters")},
+    **{name: f"cost.{name}" for name in ("weights_bytes", "avatar_bytes")},
     **{name: f"device.{name}" for name in ("cpu", "cores", "threads", "gpus", "networks")},
     "nonlinearity": "laws.linearity",
     "same_pixels": "same_pixels",

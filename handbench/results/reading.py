@@ -10,16 +10,25 @@ from pathlib import Path
 
 from ..bench.store import Store
 from ..errors import InputError
-from .record import CellRecord, MethodRecord, RunRecord
+from ..scene import Prediction
+from .record import CellRecord, MethodRecord, PriorRecord, RunRecord
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run as it lies on disk: `plan` is run.json; `others` are folders that may hold cells which this one lacks."""
+    """A run as it lies on disk, or several as one (see `merged`).
+
+    plan      run.json
+    others    folders that may hold cells which this one lacks
+    parts     the runs that it was merged from
+    given     its finished cells, where they are not simply those of the plan's keys
+    """
 
     folder: Path
     plan: RunRecord
     others: tuple[Path, ...] = ()
+    parts: tuple[Run, ...] = ()
+    given: tuple[CellRecord, ...] | None = None
 
     @property
     def store(self) -> Store:
@@ -31,9 +40,23 @@ class Run:
 
         Raises `Damaged` for a cell that is not what was written, and `InputError` for one that a newer version wrote.
         """
-        stores = [Store(folder) for folder in (self.folder, *self.others)]
-        found = (next(filter(None, (store.read_cell(key) for store in stores)), None) for key in self.plan.cells)
+        if self.given is not None:
+            return self.given
+        found = (next(filter(None, (store.read_cell(key) for store in self._stores)), None) for key in self.plan.cells)
         return tuple(filter(None, found))
+
+    @property
+    def _stores(self) -> list[Store]:
+        return [Store(folder) for folder in (self.folder, *self.others)]
+
+    def read_prediction(self, cell: CellRecord, query: str) -> Prediction:
+        """The picture that a cell kept of a query, from the folder that has it. Raises as `Store.read_prediction`."""
+        there = (store for store in self._stores if store.picture(cell.key, query).exists())
+        return next(there, self.store).read_prediction(cell, query)
+
+    def read_prior(self, key: str) -> PriorRecord | None:
+        """What is known of a kept training, from the folder that has it. Raises as `Store.read_prior`."""
+        return next(filter(None, (store.read_prior(key) for store in self._stores)), None)
 
     @property
     def in_order(self) -> list[CellRecord]:
@@ -70,6 +93,46 @@ def read_plan(folder: Path) -> RunRecord:
     if plan is None:
         raise InputError(f"{folder} holds no readable run.json; give the folder that 'handbench run' printed")
     return plan
+
+
+def merged(runs: Sequence[Run]) -> Run:
+    """Several runs of one protocol version and capture as one, with the folder of the first.
+
+    A method that several hold with the same cells (the same keys, so the same source, preset, data and seeds) is there
+    once; one that differs is there again, its name and title marked with the folder of the later run. Raises
+    `InputError` for runs that cannot be one.
+    """
+    for other in runs[1:]:
+        if why := mismatch(runs[0], other):
+            raise InputError(f"these runs cannot share a table: {why}")
+    if len(runs) == 1:
+        return runs[0]
+    parts = completed(runs)
+    seen: dict[str, list[set[str]]] = {}
+    methods: list[MethodRecord] = []
+    cells: list[CellRecord] = []
+    seeds: dict[str, tuple[int, ...]] = {}
+    for run, label in zip(parts, _labels(parts), strict=True):
+        for method in run.plan.methods:
+            own = run.of_method(method.name)
+            keys, before = {cell.key for cell in own}, seen.setdefault(method.name, [])
+            if keys not in before:
+                mark = f" ({label})" if before else ""
+                named = {"name": f"{method.name}{mark}", "title": f"{method.title}{mark}"}
+                methods.append(replace(method, **named))
+                cells += [replace(cell, method=replace(cell.method, **named)) for cell in own]
+                seeds[named["name"]] = run.plan.seeds_for(method.name)
+                before.append(keys)
+    every = tuple(dict.fromkeys(key for run in parts for key in run.plan.cells))
+    plan = replace(runs[0].plan, methods=titled_apart(methods), cells=every, seeds_of=seeds)
+    folders = tuple(run.folder for run in runs[1:])
+    return Run(runs[0].folder, plan, folders, parts, tuple(cells))
+
+
+def _labels(runs: Sequence[Run]) -> list[str]:
+    """The names of the folders, or their paths where names are alike."""
+    names = [run.folder.resolve().name for run in runs]
+    return names if len(set(names)) == len(names) else [str(run.folder) for run in runs]
 
 
 def completed(runs: Sequence[Run]) -> tuple[Run, ...]:

@@ -15,8 +15,9 @@ from ..method import Role
 from ..scene import FrameKind
 from .schema import Json, Misfit, Rule, told
 
-SCHEMA = 2
-"""The version of the format. 1 had no digests, a line for each value, and times that did not say what they measured."""
+SCHEMA = 3
+"""The version of the format. 1 had no digests, a line for each value, and times that did not say what they measured;
+2 told no memory, and one list of seeds for all methods."""
 
 
 def _names_a_file(text: str) -> bool:
@@ -27,6 +28,7 @@ Name = Annotated[str, Rule("a name that a file can have", _names_a_file)]
 Key = Annotated[str, Rule("a line", lambda text: text.isprintable() and 0 < len(text) <= 1000)]
 Count = Annotated[int, Rule("0 or more", lambda value: value >= 0)]
 Duration = Annotated[float, Rule("a time from 0 to 1e12", lambda value: 0.0 <= value <= 1e12)]
+Amount = Annotated[float, Rule("from 0 to 1e15", lambda value: 0.0 <= value <= 1e15)]
 Value = Annotated[float, Rule("from -1e100 to 1e100", lambda value: -1e100 <= value <= 1e100)]
 Decimals = Annotated[int, Rule("from 0 to 12", lambda value: 0 <= value <= 12)]
 
@@ -204,12 +206,16 @@ class RunRecord:
     cells: tuple[Name, ...] = told("the keys of the planned cells")
     provenance: Provenance = told("where the run comes from")
     subjects: tuple[str, ...] = told("the subjects", default=())
+    seeds_of: dict[str, tuple[int, ...]] = told("the seeds of methods that have others", default_factory=dict)
     schema: int = told("version of this format", default=SCHEMA)
 
     def __post_init__(self) -> None:
         _unique("methods", [method.name for method in self.methods])
         _unique("seeds", self.seeds)
         _unique("cells", self.cells)
+
+    def seeds_for(self, method: str) -> tuple[int, ...]:
+        return self.seeds_of.get(method, self.seeds)
 
     def method(self, name: str) -> MethodRecord:
         return next(method for method in self.methods if method.name == name)
@@ -249,6 +255,24 @@ class Times:
     relight_s: Duration = told("all relighting, in seconds", default=0.0)
     score_s: Duration = told("all scoring, in seconds", default=0.0)
     laws_s: Duration = told("measuring the laws, in seconds", default=0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a cell took of the machine beside time; null where the machine does not tell."""
+
+    peak_mb: Amount | None = told(
+        "greatest resident memory of the process and its children while drawing, in MiB", default=None
+    )
+    train_peak_mb: Amount | None = told("the same of its training", default=None)
+    vram_mb: Amount | None = told("greatest memory that torch held on GPUs while drawing, in MiB", default=None)
+    train_vram_mb: Amount | None = told("the same of its training", default=None)
+    energy_j: Amount | None = told("energy of the processors while drawing, in joules (RAPL)", default=None)
+    train_energy_j: Amount | None = told("the same of its training", default=None)
+    drawn: Count = told("frames that were drawn meanwhile, repeats included", default=0)
+    parameters: Count | None = told("numbers in its trained state", default=None)
+    weights_bytes: Count | None = told("size of its trained state on disk", default=None)
+    avatar_bytes: Count | None = told("size of the arrays that its avatar holds", default=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,6 +337,7 @@ class CellRecord:
     metrics: tuple[Key, ...] = told("signatures of the metrics, in the order of the values")
     scores: tuple[ScoredFrame, ...] = told("every scored frame, once for each of its columns")
     times: Times = told("what it took")
+    cost: Cost = told("what it took of the machine beside time", default=Cost())
     predictions: dict[str, str] = told("SHA-256 of each kept picture, by frame", default_factory=dict)
     same_pixels: bool | None = told("whether pictures drawn twice were equal", default=None)
     error: str | None = told("the traceback of a method that crashed: it is tried again", default=None)
@@ -355,6 +380,9 @@ class PriorRecord:
     train_s: Duration = told("seconds it took, earlier stopped tries included")
     files: dict[str, str] = told("SHA-256 of each file of the trained state", default_factory=dict)
     curve: tuple[CurvePoint, ...] = told("losses", default=())
+    peak_mb: Amount | None = told("greatest resident memory meanwhile, in MiB", default=None)
+    vram_mb: Amount | None = told("greatest memory that torch held on GPUs meanwhile, in MiB", default=None)
+    energy_j: Amount | None = told("energy of the processors meanwhile, in joules (RAPL)", default=None)
     config: Json = told("the method's settings", default=None)
     schema: int = told("version of the format it was written in", default=SCHEMA)
 

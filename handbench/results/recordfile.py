@@ -51,7 +51,7 @@ def parse(kind: type[_Record], text: bytes, path: Path) -> _Record:
     try:
         if type(schema) is int and schema == 1:
             content = UPGRADES[kind](content)
-        elif schema != SCHEMA:
+        elif schema not in (2, SCHEMA):  # what came after version 2 may be missing
             raise Misfit("is missing" if schema is None else f"is no version: {schema!r:.40}", "schema")
         elif content.get("digest") != sealed(content)["digest"]:
             raise Misfit("does not fit the rest: the file was changed after it was written", "digest")

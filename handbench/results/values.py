@@ -31,7 +31,7 @@ def values_of(run: Run) -> dict[tuple[str, str], Values]:
     """All values of a run by (method, column)."""
     protocol = run.plan.protocol
     metrics = {metric.signature: i for i, metric in enumerate(protocol.metrics)}
-    seeds = {seed: i for i, seed in enumerate(run.plan.seeds)}
+    seeds = {m.name: {seed: i for i, seed in enumerate(run.plan.seeds_for(m.name))} for m in run.plan.methods}
     found: dict[tuple[str, str], Values] = {}
     frames: dict[str, dict[str, int]] = {}
     for column in protocol.columns:
@@ -39,11 +39,11 @@ def values_of(run: Run) -> dict[tuple[str, str], Values]:
         owners = [query.partition("/")[0] for query in queries]
         subjects = np.unique(owners, return_inverse=True)[1]
         for method in run.plan.methods:
-            values = np.full((len(metrics), len(seeds), len(queries)), np.nan)
+            values = np.full((len(metrics), len(seeds[method.name]), len(queries)), np.nan)
             found[method.name, column.name] = Values(values, subjects, tuple(Counter() for _ in metrics))
     seen = {key: np.zeros(values.values.shape, dtype=bool) for key, values in found.items()}
     for cell in run.in_order:
-        seed = seeds.get(cell.seed)
+        seed = seeds.get(cell.method.name, {}).get(cell.seed)
         places = [(i, metrics[signature]) for i, signature in enumerate(cell.metrics) if signature in metrics]
         for frame in sorted(cell.scores, key=lambda frame: frame.query):
             key = cell.method.name, frame.column

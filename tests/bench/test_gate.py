@@ -105,7 +105,7 @@ def test_what_does_not_show_in_print_is_no_regression(baseline: Path, tmp_path: 
         ({"version": 2}, "the protocols differ: .*toy@1.*toy@2"),
         ({"digest": "e" * 64}, r"the protocols differ: .*\(dddddddd\).*\(eeeeeeee\)"),
         ({"capture": "f" * 16}, "the data differ: .*cccccccc.*ffffffff"),
-        ({"seeds": (1,)}, r"the seeds differ: .*\[1\].*\[0\]"),
+        ({"seeds": (1,)}, r"the seeds of good differ: .*\[1\].*\[0\]"),
         ({"methods": ("oracle", "fair")}, "candidate has no method 'good', which .*baseline has"),
         ({"frames": 7}, "the scored frames of column 'light' differ"),
     ],

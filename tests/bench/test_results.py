@@ -123,7 +123,7 @@ def test_a_cell_of_a_newer_version_is_told(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run")
     path = sorted((folder / "cells").iterdir())[3]
     path.write_text(json.dumps({**json.loads(path.read_text()), "schema": 9}))
-    with pytest.raises(InputError, match=rf"{path} was written by a newer version \(schema 9, we read 2\); upgrade"):
+    with pytest.raises(InputError, match=rf"{path} was written by a newer version \(schema 9, we read 3\); upgrade"):
         _ask("SELECT 1", folder)
 
 
@@ -189,7 +189,7 @@ def test_the_verb_prints_a_table_csv_and_json(folder: Path, capsys: pytest.Captu
         ("{", "run.json is no JSON; run again into this folder"),
         ("[]", "run.json is no record but list"),
         ('{"schema": 1, "protocol": {}}', "run.json is damaged: protocol.name is missing; run again"),
-        ('{"schema": 7}', r"run.json was written by a newer version \(schema 7, we read 2\); upgrade handbench"),
+        ('{"schema": 7}', r"run.json was written by a newer version \(schema 7, we read 3\); upgrade handbench"),
     ],
 )
 @pytest.mark.parametrize("verb", ["report", "query", "gate", "compare"])

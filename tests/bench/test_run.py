@@ -52,6 +52,9 @@ def test_a_run_scores_every_query_and_times_the_method(fakes, toy_protocol, tmp_
     assert first["times"]["new_pose_ms"]["group"]["n"] > 0 and first["times"]["train_s"] > 0
     assert first["same_pixels"] is True
     assert {"cpu", "cores", "memory_gb"} <= set(first["device"])
+    if sys.platform == "linux":
+        assert 10 < first["cost"]["peak_mb"] < 1e5 and 10 < first["cost"]["train_peak_mb"] < 1e5
+    assert first["cost"]["weights_bytes"] > 0 and first["cost"]["drawn"] > 0
 
 
 def test_the_oracle_is_perfect_and_its_predictions_are_kept(fakes, toy_protocol, tmp_path):
@@ -230,12 +233,17 @@ def test_a_changed_title_is_told_without_computing(fakes, toy_protocol, tmp_path
     assert told.title == "Better title" and told.columns[0].queries
 
 
-def test_a_subset_of_methods_plans_only_them_and_keeps_the_others(fakes, toy_protocol, tmp_path):
+def test_a_second_command_computes_only_its_methods_and_keeps_the_other_rows(fakes, toy_protocol, tmp_path):
     run(toy_protocol(), methods=["toy", "toy-nan"], out=tmp_path)
     outcome = run(toy_protocol(), methods=["toy-nan"], out=tmp_path)
-    assert (outcome.computed, outcome.reused) == (0, 2)
-    assert [method.name for method in Store(tmp_path).run().methods] == ["toy-nan"]
-    assert len(list((tmp_path / "cells").iterdir())) == 4
+    assert (outcome.computed, outcome.reused, outcome.kept, outcome.gone) == (0, 2, ("toy (seed 0)",), ())
+    assert [method.name for method in Store(tmp_path).run().methods] == ["toy", "toy-nan"]
+    outcome = run(toy_protocol(), methods=["oracle", "toy-nan"], seeds=[0, 1], out=tmp_path)
+    assert outcome.kept == ("toy (seed 0)",)
+    told = Store(tmp_path).run()
+    assert [method.name for method in told.methods] == ["toy", "toy-nan", "oracle"]
+    assert (told.seeds, told.seeds_of) == ((0, 1), {"toy": (0,)})
+    assert len(list((tmp_path / "cells").iterdir())) == 4 + 2 + 4
 
 
 def test_two_processes_on_one_run_corrupt_nothing(fakes, toy_protocol, toy_table, tmp_path):

@@ -5,15 +5,20 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from handbench.errors import InputError
-from handbench.reports import table
+from handbench.reports import render_csv, render_markdown, table, write_reports
 from handbench.reports.aggregate import Footnotes
-from handbench.reports.model import Aggregate, Row, Table, letter, number, signed
+from handbench.reports.model import MEMORY_TITLES, Aggregate, Row, Table, letter, memory_texts, number, signed
+from handbench.reports.pareto import plots
+from handbench.reports.pareto import told as told_plot
+from handbench.results.reading import read_run
+from handbench.results.record import Cost
 
 sys.path.append(str(Path(__file__).parents[1] / "bench" / "fakes"))
 from runfakes import plain, write_run
@@ -244,3 +249,37 @@ def test_non_linearity_is_the_worst_cell_and_old_cells_have_none(run_folder: Pat
         cell = json.loads(path.read_text())
         path.write_text(json.dumps({**cell, "laws": {"linearity": value}}))
     assert _row(table(run_folder), "urhand").nonlinearity == 3e-7
+
+
+def test_memory_is_told_where_cells_tell_it(tmp_path: Path, run_folder: Path) -> None:
+    assert not table(run_folder).footprints, "a run of before it was measured"
+    run = read_run(write_run(tmp_path / "run", methods=("oracle", "good"), subjects=2))
+    for place, cell in enumerate(run.of_method("good")):
+        cost = Cost(peak_mb=500.0 + 20 * place, energy_j=50.0, drawn=10, parameters=1_234_567, avatar_bytes=3 << 20)
+        run.store.write_cell(replace(cell, cost=cost))
+    result = table(run.folder)
+    (row,) = result.footprints
+    told = dict(zip(MEMORY_TITLES, memory_texts(row), strict=True))
+    assert told == {
+        **dict.fromkeys(("training MiB", "GPU MiB", "weights MiB"), "–"),
+        **{"drawing MiB": "510", "avatar MiB": "3.00", "parameters": "1.2 million", "J a frame": "5.00"},
+    }
+    assert "| Good | 510 |" in render_markdown(result)
+    assert "memory_mb,,MiB,False,510.0,500.0,520.0" in render_csv(result)
+    plot = next(plot for plot in plots(result) if plot.time == "memory")
+    assert [point.title for point in plot.points] == ["Good"] and "510 MiB" in told_plot(plot)
+
+
+def test_one_page_of_several_runs_with_a_baseline(tmp_path: Path) -> None:
+    first = write_run(tmp_path / "first", methods=("oracle", "good"))
+    second = write_run(tmp_path / "second", _better, methods=("oracle", "good"), salt={"good": "another version"})
+    files = write_reports(first, others=[second], baseline="good")
+    page = files["index.html"].read_text()
+    assert files["index.html"].parent == first / "compared" and not (first / "report").exists()
+    for text in ("Good (second)", "Difference to Good", "2 runs: first, second", "<h3>second</h3>"):
+        assert text in page, text
+    assert page.count('scope="row" data-value="Oracle"') == page.count('scope="row" data-value="Good (second)"')
+    stamp = files["index.html"].stat().st_mtime_ns
+    assert write_reports(first, others=[second], baseline="good")["index.html"].stat().st_mtime_ns == stamp
+    elsewhere = write_reports(first, others=[second], out=tmp_path / "page")
+    assert elsewhere["index.html"] == tmp_path / "page" / "index.html"

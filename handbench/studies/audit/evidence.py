@@ -58,7 +58,9 @@ class Evidence:
     def planned(self) -> dict[str, Plan]:
         """What this version of handbench would plan, by method: the same protocol, capture, preset and seeds."""
         return {
-            each.name: make_plan(self.protocol, self.capture.digest, [each.name], self.plan.seeds, each.preset)
+            each.name: make_plan(
+                self.protocol, self.capture.digest, [each.name], self.plan.seeds_for(each.name), each.preset
+            )
             for each in self.plan.methods
             if each.name not in self.foreign
         }
