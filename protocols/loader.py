@@ -51,7 +51,7 @@ def parse(table: Mapping[str, Any], origin: str) -> Protocol:
     top = _Reader(f"protocol {origin}", table, _TOP)
     groups = _Reader(f"{top.owner} [subjects]", top.table("subjects"), ("trained", "unseen"))
     trained = groups.texts("trained")
-    unseen = groups.texts("unseen", default=())
+    unseen = groups.texts("unseen", default=()) if groups.given.get("unseen") != [] else ()
     if both := set(trained) & set(unseen):
         raise InputError(f"{groups.owner}: {sorted(both)[0]!r} is both trained and unseen; keep it in one list")
     columns = top.get("column", list, "[[column]] tables")

@@ -198,7 +198,16 @@ def test_a_broken_plugin_hides_no_other(monkeypatch, capsys):
     assert METHODS.entry("mean").name == "mean"
 
 
-def test_data_show_tells_what_it_generates(monkeypatch, capsys, tmp_path):
+@pytest.mark.parametrize("verb", ["show", "check"])
+def test_what_only_looks_makes_nothing(verb, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["data", verb, "openstage", "--data", str(tmp_path / "captures")]) == 2
+    err = capsys.readouterr().err
+    assert "openstage of size quick is not made yet; 'handbench data make openstage --size quick' makes it" in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_data_show_tells_how_far_it_is(monkeypatch, capsys, tmp_path):
     def source(size, folder, progress):
         progress(3, 3)
         return SimpleNamespace(name="made")

@@ -9,11 +9,13 @@ import re
 import shlex
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from handbench.cli import parser
+from handbench.methods.reflectance import model
 
 ROOT = Path(__file__).parents[1]
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
@@ -27,8 +29,9 @@ def site():
 
 
 def test_the_tutorial_runs(tmp_path, monkeypatch, capsys):
-    """Cell by cell in one namespace, as a kernel would: an error is a failure."""
+    """Cell by cell in one namespace, as a kernel would: an error is a failure. Phong looks at few frames."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(model.PRESETS, "quick", replace(model.PRESETS["quick"], texture=32, fit_frames=3))
     cells = json.loads((ROOT / "examples" / "tutorial.ipynb").read_text())["cells"]
     found: dict = {}
     for cell in cells:

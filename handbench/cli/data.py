@@ -141,6 +141,17 @@ def _data_template(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _check_made(name: str, size: str, folder: Path | None) -> None:
+    """Raises `InputError` for a capture that would be generated first, which takes minutes or hours."""
+    from ..data import openstage
+    from ..errors import InputError
+
+    if name in openstage.PRESETS and openstage.lacking(
+        openstage.capture_folder(size, folder, openstage.generated(name))
+    ):
+        raise InputError(f"{name} of size {size} is not made yet; 'handbench data make {name} --size {size}' makes it")
+
+
 def _own(arguments: argparse.Namespace) -> bool:
     """Whether a folder is named, not a capture: one that is called like a capture is told by a slash."""
     from ..registry import CAPTURES
@@ -154,13 +165,18 @@ def _facts(capture: Any) -> dict[str, Any]:
 
 
 def _capture(arguments: argparse.Namespace) -> Any:
-    """The capture that is named; what is missing of it is generated, with progress."""
+    """The capture that is named; `data make` generates what is missing of it, with progress.
+
+    Raises `InputError`, for the verbs that only look, if it is not there yet.
+    """
     from ..bench.progress import steps
     from ..data.capture import open_capture
 
-    if arguments.verb is not _data_make and _own(arguments):
-        from ..data.readers import open_at
+    if arguments.verb is not _data_make:
+        if _own(arguments):
+            from ..data.readers import open_at
 
-        return open_at(Path(arguments.capture))
+            return open_at(Path(arguments.capture))
+        _check_made(arguments.capture, arguments.size, arguments.folder)
     with steps() as told:
         return open_capture(arguments.capture, arguments.size, arguments.folder, told)

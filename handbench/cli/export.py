@@ -8,6 +8,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..terminal import complain, say
+from .shared import examples, json_option, tell
 
 
 def add(verbs: Any) -> None:
@@ -17,6 +18,8 @@ def add(verbs: Any) -> None:
     export.add_argument("avatar", type=Path, help="what 'handbench personalise' wrote")
     export.add_argument("--pose", default="", metavar="NAME", help="a recorded pose (default: the first)")
     export.add_argument("--out", type=Path, required=True, metavar="FILE", help="a .glb")
+    json_option(export)
+    examples(export, "export me.avatar --out me.glb", "export me.avatar --pose pose-2 --out me.glb --json")
     export.set_defaults(verb=_export)
 
 
@@ -35,6 +38,9 @@ def _export(arguments: argparse.Namespace) -> int:
     for remark in write_glb(arguments.out, baked, portrait.name, portrait.licence):
         complain(remark)
     size = len(baked.albedo)
+    if arguments.json:
+        tell({"file": str(arguments.out), "pose": posture.name, "vertices": len(baked.mesh.vertices), "texture": size})
+        return 0
     say(f"{portrait.info.title}, pose {posture.name}: {len(baked.mesh.vertices)} vertices, textures of {size} x {size}")
     say(arguments.out)
     return 0

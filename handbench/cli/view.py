@@ -10,7 +10,7 @@ from .relight import add_avatars, portraits, size
 from .shared import port
 
 _EXAMPLES = """\
-for example:
+examples:
   handbench view me.avatar --open
   handbench view one.avatar other.avatar --light studio.exr
   handbench view --run runs/quick --methods urhand,physical --subject s05

@@ -22,7 +22,7 @@ from ...method import Progress, silent
 from ..capture import Capture
 from .presets import PRESETS, CaptureName, preset
 
-__all__ = ["PRESETS", "capture_folder", "generated", "open_capture", "preset"]
+__all__ = ["PRESETS", "capture_folder", "generated", "lacking", "open_capture", "preset"]
 
 
 def generated(name: str) -> CaptureName:
