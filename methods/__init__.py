@@ -62,6 +62,15 @@ ENTRIES: tuple[Entry, ...] = (
         "handbench.methods.harp:create",
         "HARP: displaced hand, albedo and normal map in one point light, from pictures in unknown light",
     ),
+    *(
+        Entry(
+            f"handy-{name}",
+            "handbench.methods.handy:create",
+            f"Handy-style: a texture found in a generator's space on the given or fitted hand, albedo under {title}",
+            (("reflectance", name),),
+        )
+        for name, title in (("phong", "Phong"), ("ggx", "GGX"))
+    ),
     Entry(
         "uhm",
         "handbench.methods.uhm:create",

@@ -87,6 +87,7 @@ def test_the_wheel_carries_the_licences(wheel: zipfile.ZipFile) -> None:
     assert any(".dist-info/" in name and name.endswith("/LICENSE") for name in names)
     assert "handbench/metrics/weights/NOTICE" in names
     assert {f"handbench/methods/kit/weights/{name}" for name in ("NOTICE", "alexnet.safetensors")} <= set(names)
+    assert {f"handbench/methods/handy/weights/{name}" for name in ("NOTICE", "generator.safetensors")} <= set(names)
 
 
 def test_no_module_names_pandas_or_a_sibling_by_its_bare_name() -> None:

@@ -45,17 +45,19 @@ class Canvas:
         normal: Tensor | None = None,
         gloss: float | None = None,
         environment_error: float = ENVIRONMENT_ERROR,
+        lobe: Model = "brdf",
+        strength: float = 1.0,
     ) -> Prediction:
-        """The picture under a known light: C = albedo / pi C^d + C^s with hard shadows.
+        """The picture under a known light: C = albedo / pi C^d + strength C^s with hard shadows.
 
         albedo (3, n) linear; normal (3, n) unit in place of the surface's. C^d and C^s are the features of URHand supp.
-        Eqs. 1-6, the latter for roughness `gloss`; without it the surface is Lambert's. Linear in the light. Raises
-        `Unsupported` for an unknown light.
+        Eqs. 1-6, the latter of a `lobe` for roughness `gloss`; without it the surface is Lambert's. Linear in the
+        light. Raises `Unsupported` for an unknown light.
         """
         lights = light_samples(light, environment_error=environment_error)
-        model: Model = "diffuse" if gloss is None else "brdf"
+        model: Model = "diffuse" if gloss is None else lobe
         diffuse, specular = self._shading.features(lights, gloss or 1.0, model, normal)
-        return self.drawn(albedo * diffuse / math.pi + specular)
+        return self.drawn(albedo * diffuse / math.pi + strength * specular)
 
 
 def flat(texture: Tensor, canvas: Canvas) -> Tensor:

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from handbench.errors import Unsupported
 from handbench.hand import HandModel
 from handbench.hand.fitting import QUICK, Settings
 from handbench.method import Progress, Recording, silent
-from handbench.scene import Array, Camera, Mesh, Observation, Pose
+from handbench.scene import Array, Camera, Light, Mesh, Observation, Pose, Unknown
 
 from .fittedhand import fitted_hand
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A picture in which the hand was found, in a pose; `pose_key` is its frame's."""
+    """A picture in which the hand was found, in a pose; `pose_key` and `light` are those of its frame."""
 
     pose_key: str
     camera: Camera
     observation: Observation
     pose: Pose
+    light: Light = field(default_factory=lambda: Unknown("as enrolled"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +50,10 @@ def enrolled(enrolment: Recording, most: int, settings: Settings = QUICK, progre
     Raises `Unsupported` with the fit's reason where no hand is found.
     """
     frames = enrolment.frames
+    if not frames:
+        raise Unsupported("the enrolment has no frames, and a hand is sought in those; give at least one")
     keys = {frames[i].key for i in np.linspace(0, len(frames) - 1, most).round().astype(int)}
     found = fitted_hand(enrolment.where(lambda frame: frame.key in keys), settings, progress=progress)
     seen = ((each.frame, each.pose) for each in found.sightings)
-    pictures = tuple(Seen(frame.pose_key, frame.camera, enrolment.observe(frame), pose) for frame, pose in seen)
+    pictures = tuple(Seen(f.pose_key, f.camera, enrolment.observe(f), pose, f.light) for f, pose in seen)
     return Enrolled(found.hand, found.shape, pictures)

@@ -140,6 +140,11 @@ def test_nothing_scatters_under_polish() -> None:
     assert flat(painted.mean_free_path)[places(HAND, SIZE).nail < 1e-6].min() > 1e-4
 
 
+def test_hardly_any_hair_is_none() -> None:
+    none, least = (skin(hair=amount, seed=2).albedo for amount in (0.0, 1e-4))
+    np.testing.assert_array_equal(none, least)
+
+
 def test_hair_covers_the_arm_and_the_back_but_no_palm() -> None:
     at = places(HAND, SIZE)
     bare, hairy = (flat(skin(hair=amount, seed=2).albedo).mean(axis=1) for amount in (0.0, 1.0))

@@ -15,6 +15,8 @@ _STEPS = 14  # points of a strand
 def hair(at: Places, amount: float, rng: np.random.Generator) -> Array:
     """Share of a texel that strands cover, (N,) in [0, 1]; `amount` 0 (none) … 1 (very hairy)."""
     roots = _roots(at, amount, rng)
+    if not len(roots):
+        return np.zeros(len(at.position), np.float32)
     strands = _strands(at, roots, rng)
     texel = at.atlas.texels[at.tree.query(strands.reshape(-1, 3))[1]].reshape(strands.shape[:2])
     place = np.stack([texel // at.atlas.size, texel % at.atlas.size], axis=2).astype(np.float64)
