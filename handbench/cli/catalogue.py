@@ -9,11 +9,11 @@ from typing import Any
 from ..terminal import say
 from .shared import examples, json_option, preset, tell
 
-_KINDS = ("protocols", "methods", "metrics", "captures", "studies")
+_KINDS = ("protocols", "methods", "metrics", "captures", "hands", "studies")
 
 
 def add(verbs: Any) -> None:
-    lists = verbs.add_parser("list", help="what can be named: protocols, methods, metrics, captures, studies")
+    lists = verbs.add_parser("list", help="what can be named: protocols, methods, metrics, captures, hands, studies")
     lists.add_argument("kind", nargs="?", choices=_KINDS, help="only these")
     json_option(lists)
     examples(lists, "list", "list methods", "list protocols --json")
@@ -42,6 +42,7 @@ def _list(arguments: argparse.Namespace) -> int:
         "methods": registry.METHODS,
         "metrics": registry.METRICS,
         "captures": registry.CAPTURES,
+        "hands": registry.HANDS,
         "studies": registry.STUDIES,
     }
     kinds = [arguments.kind] if arguments.kind else list(_KINDS)

@@ -11,6 +11,7 @@ from ..terminal import say
 from .shared import cores, examples, json_option, tell
 
 _MOST = 4  # processes of their own accord: each takes 1 to 2 GB
+_READ = 500  # frames of captures that may have a million
 _ELSEWHERE = "choose another place with --out"
 
 
@@ -33,6 +34,12 @@ def add(verbs: Any) -> None:
     show.set_defaults(verb=_data_show)
     check = data.add_parser("check", help="read every frame once and list what is wrong; exit code 2 if anything is")
     check.add_argument("--out", type=Path, metavar="PNG", help="a sheet of what is told, drawn over the pictures")
+    check.add_argument(
+        "--frames",
+        type=cores,
+        metavar="N",
+        help=f"read so many, spread over it (default: all, {_READ} of others' captures)",
+    )
     check.set_defaults(verb=_data_check)
     template = data.add_parser("template", help="write a handbench.toml for a folder of your own pictures")
     template.add_argument("place", type=Path, metavar="FOLDER", help="a folder with pictures")
@@ -105,8 +112,9 @@ def _data_check(arguments: argparse.Namespace) -> int:
     capture = _capture(arguments)
     if own and not arguments.json:
         say(f"{capture.name}: {capture.layout}, offers {', '.join(sorted(capture.offers))}")
+    most = arguments.frames or (_READ if capture.layout else None)
     with steps() as told:
-        found = list(troubles(capture, told("frames")))
+        found = list(troubles(capture, told("frames"), most))
     looked = checked(capture)
     if sheet is not None:
         write_sheet(capture, sheet)
@@ -125,8 +133,10 @@ def _data_check(arguments: argparse.Namespace) -> int:
     found += looked.doubts
     if sheet is not None:
         say(f"sheet: {sheet}")
-    count = len(capture.frames())
-    say(f"{capture.name}: {count} frames, " + (f"{len(found)} troubles" if found else "all sound"))
+    count, some = len(capture.frames()), ""
+    if most is not None and count > most:
+        some = f", of which {most} were read"
+    say(f"{capture.name}: {count} frames{some}, " + (f"{len(found)} troubles" if found else "all sound"))
     return 2 if found else 0
 
 

@@ -33,7 +33,13 @@ def add(verbs: Any) -> None:
     )
     personalise.add_argument("method", help="a name that 'handbench list methods' shows")
     source = personalise.add_mutually_exclusive_group(required=True)
-    source.add_argument("--from", dest="folder", type=Path, metavar="FOLDER", help="pictures with a handbench.toml")
+    source.add_argument(
+        "--from",
+        dest="folder",
+        type=Path,
+        metavar="FOLDER",
+        help="pictures with a handbench.toml, or in a published layout",
+    )
     source.add_argument("--run", type=Path, metavar="RUN", help="a run folder: its training and its enrolment")
     personalise.add_argument("--out", type=Path, required=True, metavar="AVATAR", help="the folder that the avatar is")
     personalise.add_argument("--subject", metavar="NAME", help="who (default: the only one, or the first of a run)")
@@ -73,11 +79,11 @@ def _personalise(arguments: argparse.Namespace) -> int:
 
 def _from_folder(arguments: argparse.Namespace, told: Steps) -> Portrait:
     from ..avatars.making import from_capture
-    from ..data.folder import open_folder
+    from ..data.readers import open_at
     from ..registry import METHODS
 
     METHODS.entry(arguments.method)
-    capture = open_folder(arguments.folder)
+    capture = open_at(arguments.folder)
     for remark in capture.remarks:
         complain(f"{capture.name}: {remark}")
     enrolment = capture.enrolment(arguments.subject, arguments.segment)

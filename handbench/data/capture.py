@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..errors import BadFrame, HandbenchError, InputError, StorageError
 from ..method import Progress, silent
-from ..recording import Need, Recording, offered
+from ..recording import PARTS, Need, Part, Recording, offered
 from ..registry import CAPTURES
 from ..scene import Frame, Observation
 
@@ -27,12 +27,14 @@ class Capture(ABC):
     """Recorded frames of some subjects. Frames are light; `observe` reads images.
 
     `digest` identifies the content: captures of equal digest give equal pixels. `hand` names the registered hand model
-    whose joints the poses turn and whose shared surface the meshes are; None if there is none.
+    whose joints the poses turn and whose shared surface the meshes are; None if there is none. `layout` says in which
+    published layout it was brought; None for one that is made here.
     """
 
     name: str
     digest: str
     hand: str | None = None
+    layout: str | None = None
 
     @abstractmethod
     def frames(self) -> tuple[Frame, ...]:
@@ -67,6 +69,23 @@ class Capture(ABC):
     def recording(self, frames: Iterable[Frame]) -> Recording:
         """The given frames as a method sees them."""
         return Recording(frames, self.observe)
+
+    def enrolment(self, subject: str | None = None, segment: str | None = None) -> Recording:
+        """The frames of one subject and, if one is named, one segment, with all that the capture tells of them.
+
+        Raises `InputError` for a subject or a segment that is none, and for several subjects of which none is said.
+        """
+        every = self.frames()
+        subjects = dict.fromkeys(frame.subject for frame in every)
+        if subject is None and len(subjects) > 1:
+            raise InputError(f"{self.name} shows {', '.join(subjects)}; say which subject is meant")
+        wanted = subject or next(iter(subjects))
+        frames = [f for f in every if f.subject == wanted and segment in (None, f.segment)]
+        if not frames:
+            kind, name = ("subject", wanted) if wanted not in subjects else ("segment", segment)
+            raise InputError(f"{self.name} has no {kind} {name!r}")
+        gives: frozenset[Part] = frozenset(part for part in PARTS if part in self.offers)
+        return Recording(frames, self.observe, gives)
 
 
 def by_key(frames: Iterable[Frame]) -> Mapping[str, Frame]:

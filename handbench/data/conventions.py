@@ -8,25 +8,30 @@ sentence says which.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from ..errors import HandbenchError
-from ..hand import hand_model
+from ..errors import HandbenchError, Unsupported
+from ..hand import hand_model, hand_of
 from ..hand.handmodel import HandModel
 from ..render.see.posedmesh import PosedMesh
 from ..render.see.raster import Raster
-from ..scene import Array, Camera, Directional, Frame, Mesh, Observation, Point, Uncalibrated, leaves
+from ..scene import Array, Camera, Directional, Frame, Mesh, Observation, Point, Pose, Topology, Uncalibrated, leaves
 from .capture import Capture
+from .folder.capture import Folder
 
 _FRAMES = 6  # that are looked at, spread over the capture
 _BETTER = 0.08  # of the overlap: another convention must fit so much better to be named
 _POOR = 0.6  # overlap below which the sheet should be looked at, whatever else is tried
 _SHADED = 0.2  # of the correlation with shading, as _BETTER
+_MIRRORED = 0.9  # of the area of UVs
 _SIZE = 96  # rows at which overlaps are measured
-_GREY = 1.7  # red over blue: skin has more in linear values, and less in sRGB codes
-_BRIGHT = 0.25
+# Red over blue of hands whose median red is above _BRIGHT: in the open captures 2.3 or more in linear values, mostly
+# 1.3 to 2.1 in sRGB codes, whatever skin and light.
+_GREY, _BRIGHT = 2.1, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +59,7 @@ def checked(capture: Capture, frames: Sequence[Frame] | None = None) -> Checked:
     every = capture.frames() if frames is None else frames
     some = [every[round(i)] for i in np.linspace(0, len(every) - 1, min(_FRAMES, len(every)))]
     looked = [found for frame in some if (found := _look(capture, frame)) is not None]
-    doubts = list(_of_uvs(some))
+    doubts = [*_of_uvs(some), *_of_colours(capture, some)]
     if not looked:
         return Checked(tuple(doubts), None)
     overlap = float(np.median([_overlap(s.mesh, s.camera, s.mask) for s in looked]))
@@ -62,6 +67,19 @@ def checked(capture: Capture, frames: Sequence[Frame] | None = None) -> Checked:
     if overlap >= _POOR:
         doubts += _of_light(capture, every)
     return Checked(tuple(doubts), overlap)
+
+
+def _of_colours(capture: Capture, frames: Sequence[Frame]) -> Iterator[str]:
+    """A doubt about pictures of whole numbers that are said to be linear."""
+    if not isinstance(capture, Folder) or not capture.linear_codes:
+        return
+    inside = []
+    for frame in frames:
+        with suppress(HandbenchError):  # `troubles` tells of those
+            seen = capture.observe(frame)
+            inside.append(seen.image[(seen.alpha if seen.alpha is not None else seen.image.max(axis=-1)) > 0.9])
+    if inside and (doubt := colour_doubt(np.concatenate(inside))) is not None:
+        yield doubt
 
 
 def colour_doubt(linear: Array) -> str | None:
@@ -84,6 +102,8 @@ def _look(capture: Capture, frame: Frame) -> _Seen | None:
     try:
         seen = capture.observe(frame)
         mesh = _mesh(capture, frame)
+        if mesh is not None and not len(mesh.vertices):  # which are read here, if they are not yet
+            return None
     except HandbenchError:  # `troubles` tells of those
         return None
     if mesh is None or seen.alpha is None or isinstance(frame.camera, Uncalibrated) or not (seen.alpha > 0.5).any():
@@ -127,7 +147,7 @@ def _of_overlap(capture: Capture, looked: Sequence[_Seen], overlap: float) -> It
         except HandbenchError:  # such a camera or such a hand cannot be
             continue
     best = max(tried, key=lambda told: tried[told], default=None)
-    if best is not None and tried[best] > overlap + _BETTER:
+    if best is not None and tried[best] > max(overlap + _BETTER, _POOR):
         yield (
             f"the hand as it is told and the masks share {overlap:.0%} of what they cover; {best} it would be "
             f"{tried[best]:.0%}"
@@ -148,7 +168,10 @@ def _others(capture: Capture) -> Iterator[tuple[str, _Change]]:
         yield f"were it {told}", _vertices(lambda v, factor=factor: v * factor)  # type: ignore[misc]
     yield "were its cameras in millimetres, not metres,", _placed(lambda m: np.c_[m[:, :3], 0.001 * m[:, 3]])
     yield "were it in metres, not millimetres,", _vertices(lambda v: v * 1000.0)
-    yield "with cameras that look to -z with y up (OpenGL), not OpenCV's,", _placed(lambda m: m * [[1.0], [-1], [-1]])
+    yield (
+        "with y and z of its cameras turned round (OpenGL's axes for OpenCV's)",
+        _placed(lambda m: m * [[1.0], [-1], [-1]]),
+    )
     yield "with cameras from camera to world, not world to camera,", _placed(_inverse)
     yield "with masks upside down", lambda s: (s.mesh, s.camera, s.mask[::-1])
     yield "with masks from right to left", lambda s: (s.mesh, s.camera, s.mask[:, ::-1])
@@ -165,10 +188,10 @@ def _vertices(change: Callable[[Array], Array]) -> _Change:
 
 
 def _placed(change: Callable[[Array], Array]) -> _Change:
-    return lambda s: (s.mesh, replace_placement(s.camera, change(s.camera.world_to_camera)), s.mask)
+    return lambda s: (s.mesh, _at(s.camera, change(s.camera.world_to_camera)), s.mask)
 
 
-def replace_placement(camera: Camera, world_to_camera: Array) -> Camera:
+def _at(camera: Camera, world_to_camera: Array) -> Camera:
     return Camera(camera.name, camera.width, camera.height, camera.K, world_to_camera)
 
 
@@ -193,14 +216,10 @@ def _other_side(model: HandModel) -> _Change:
         pose, shape = seen.frame.pose, seen.frame.shape
         if pose is None or shape is None:
             return seen.mesh, seen.camera, seen.mask
-        mirror = np.array([-1.0, 1.0, 1.0])
-        still = model.mesh(
-            shape, replace(pose, joints=pose.joints * [1, -1, -1], rotation=np.zeros(3), translation=np.zeros(3)), 0
-        )
-        from scipy.spatial.transform import Rotation
-
-        turned = Rotation.from_rotvec(pose.rotation.copy()).apply(still.vertices * mirror) + pose.translation
-        return Mesh(turned, still.topology), seen.camera, seen.mask
+        still = Pose(pose.joints * [1, -1, -1])
+        vertices = model.mesh(shape, still, 0).vertices * [-1, 1, 1]
+        turned = vertices @ Rotation.from_rotvec(pose.rotation.copy()).as_matrix().T + pose.translation
+        return Mesh(turned, model.topology(0)), seen.camera, seen.mask
 
     return change
 
@@ -259,17 +278,28 @@ def _explains(frame: Frame, normal: Array, bright: Array, centre: Array, flip: t
 
 
 def _of_uvs(frames: Sequence[Frame]) -> Iterator[str]:
-    topologies = {id(f.mesh.topology): f.mesh.topology for f in frames if f.mesh is not None}
+    topologies = {f.mesh.topology.digest: f.mesh.topology for f in frames if f.mesh is not None}
     for topology in topologies.values():
         if topology.uvs is None:
-            yield "its meshes have no UVs, so methods that work on a texture are refused; export them with UVs"
-            continue
-        uvs, uv_faces = topology.unwrapped
-        corners = uvs[uv_faces]
-        across, along = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        area = across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]
-        if -area[area < 0].sum() > 0.9 * np.abs(area).sum():
+            yield "its meshes have no UVs, so methods that work on a texture are refused; unwrap them"
+        elif _upside_down(topology):
             yield (
-                "its UV charts are mirrored: V seems to count from the top, but the origin must be at the bottom; "
-                "flip V (v -> 1 - v) when exporting"
+                "V of its UVs seems to count from the top, and the origin must be at the bottom; flip V (v -> 1 - v) "
+                "when exporting"
             )
+
+
+def _upside_down(topology: Topology) -> bool:
+    """Whether UVs are those of a known hand model turned over, or nearly all of their area is mirrored."""
+    uvs, uv_faces = topology.unwrapped
+    with suppress(Unsupported):
+        hand, level = hand_of(topology)
+        known, known_faces = hand.topology(level).unwrapped
+        own, theirs = uvs[uv_faces], known[known_faces]
+        if np.allclose(own, theirs, atol=1e-3):
+            return False
+        if np.allclose(own, theirs * [1, -1] + [0, 1], atol=1e-3):
+            return True
+    across, along = (uvs[uv_faces[:, k]] - uvs[uv_faces[:, 0]] for k in (1, 2))
+    area = across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]
+    return bool(-area[area < 0].sum() > _MIRRORED * np.abs(area).sum())

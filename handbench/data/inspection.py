@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..errors import BadFrame
+from ..errors import BadFrame, InputError
 from ..method import Progress, silent
-from ..scene import Frame, Mesh, Observation
+from ..scene import Frame, Observation
 from .capture import Capture, read
 
 _ACROSS = 10.0  # metres: no hand
@@ -18,14 +18,19 @@ SKIN = 1.0
 _FLAT = 1e-3  # of the cube of its size: the volume of a surface that is too open to have an inside
 
 
-def troubles(capture: Capture, progress: Progress = silent) -> Iterator[str]:
-    """One sentence for each trouble, which begins with the frame's key; nothing for a sound capture."""
+def troubles(capture: Capture, progress: Progress = silent, most: int | None = None) -> Iterator[str]:
+    """One sentence for each trouble, which begins with the frame's key; nothing for a sound capture.
+
+    Of more than `most` frames that many are read, spread over the capture.
+    """
     frames = capture.frames()
     for key, count in Counter(frame.key for frame in frames).items():
         if count > 1:
             yield f"{key}: {count} frames have this key; name poses, cameras and lightings apart"
+    if most is not None and len(frames) > most:
+        frames = tuple(frames[round(i)] for i in np.linspace(0, len(frames) - 1, most))
     for frame in {frame.pose_key: frame for frame in reversed(frames)}.values():
-        if frame.mesh is not None and (trouble := _of_mesh(frame.mesh)):
+        if trouble := _of_mesh(frame):
             yield f"{frame.key}: {trouble}"
     for done, frame in enumerate(frames, start=1):
         if trouble := _of_frame(capture, frame):
@@ -51,11 +56,18 @@ def median_of_hand(seen: Observation) -> float | None:
     return float(np.median(seen.image[inside]))
 
 
-def _of_mesh(mesh: Mesh) -> str:
-    across = float(np.ptp(mesh.vertices, axis=0).max(initial=0.0))
+def _of_mesh(frame: Frame) -> str:
+    mesh = frame.mesh
+    if mesh is None:
+        return ""
+    try:
+        vertices = mesh.vertices
+    except InputError as error:  # of a mesh that is read when it is looked at
+        return str(error)
+    across = float(np.ptp(vertices, axis=0).max(initial=0.0))
     if across > _ACROSS:
         return f"its mesh is {across:.3g} m across; give metres, these look like millimetres"
-    corners = (mesh.vertices - mesh.vertices.mean(axis=0))[mesh.topology.faces]
+    corners = (vertices - vertices.mean(axis=0))[mesh.topology.faces]
     volume = float(np.linalg.det(corners).sum()) / 6.0
     if volume < -_FLAT * across**3:
         return "the faces of its mesh look inwards; turn their winding round"

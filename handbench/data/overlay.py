@@ -59,6 +59,8 @@ def _cell(capture: Capture, frame: Frame) -> Image.Image:
     width = max(1, round(_HEIGHT * frame.camera.width / frame.camera.height))
     try:
         seen = read(capture, frame)
+        if frame.mesh is not None:
+            _ = frame.mesh.vertices  # which are read here, if they are not yet
     except HandbenchError:  # `troubles` tells why
         return Image.new("RGB", (width, _HEIGHT), (60, 20, 20))
     picture = Image.fromarray(eight_bit(_exposed(seen.image))).resize((width, _HEIGHT), Image.Resampling.LANCZOS)

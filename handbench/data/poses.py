@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
+from ..files import whole
 from ..hand.handmodel import HandModel
 from ..scene import Array, Pose
 from .arrays import read_arrays
@@ -133,3 +134,27 @@ def _sane(owner: str, pose: Pose) -> Pose:
     if away > _REACH:
         raise InputError(f'{owner}: the hand is {away:.3g} m away; if these are millimetres, say units = "millimetres"')
     return pose
+
+
+def write_poses(
+    path: Path, poses: Sequence[tuple[Pose, Array]], hand: HandModel, flat_hand_mean: bool | None = None
+) -> None:
+    """Write poses and shapes as `read_poses` reads them, each array with a leading N: MANO's in MANO's terms.
+
+    Raises `InputError` for MANO's hand without `flat_hand_mean`, `StorageError` if it cannot be written.
+    """
+    from ..hand.mano import ManoHand
+
+    if isinstance(hand, ManoHand):
+        if flat_hand_mean is None:
+            raise InputError(
+                "poses of MANO are written whole or relative to the mean pose: say which (--flat-hand-mean)"
+            )
+        rows = [hand.parameters_of(pose, shape, flat_hand_mean=flat_hand_mean) for pose, shape in poses]
+    else:
+        rows = [
+            {"joints": p.joints, "rotation": p.rotation, "translation": p.translation, "shape": np.asarray(s)}
+            for p, s in poses
+        ]
+    with whole(path, "choose another place with --out") as part, part.open("wb") as file:
+        np.savez(file, **{name: np.stack([row[name] for row in rows]) for name in rows[0]})

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from ..registry import Entry
 from .handmodel import HandModel
-from .known import hand_model, hand_of
+from .known import hand_model, hand_of, hand_of_poses
 
-__all__ = ["ENTRIES", "HandModel", "hand_model", "hand_of"]
+__all__ = ["ENTRIES", "HandModel", "hand_model", "hand_of", "hand_of_poses"]
 
 _MANO = "handbench.hand.mano:create"
 

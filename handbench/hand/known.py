@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import Absent, Unsupported
 from ..registry import HANDS
-from ..scene import Topology
+from ..scene import Pose, Topology
 from .handmodel import HandModel
 
 SHIPPED = "openhand"
@@ -41,6 +41,21 @@ def hand_of(topology: Topology) -> tuple[HandModel, int]:
     raise Unsupported(
         f"a mesh of {len(topology.faces)} triangles is of none of the hand models that are known ({names}); "
         "use a capture tracked with one of them"
+    )
+
+
+def hand_of_poses(poses: Iterable[Pose | None]) -> HandModel:
+    """The shipped hand model, or another of right hands that has the joints which the first of these poses turns.
+
+    Raises `Unsupported` if no model has so many.
+    """
+    pose = next((pose for pose in poses if pose is not None), None)
+    for hand in _at_hand():
+        if pose is None or (hand.side == "right" and len(hand.joint_names) == len(pose.joints)):
+            return hand
+    assert pose is not None
+    raise Unsupported(
+        f"a pose of {len(pose.joints)} joints is of none of the hand models that are known; use one of them"
     )
 
 

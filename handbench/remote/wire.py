@@ -78,6 +78,9 @@ class Codec:
         shared = not isinstance(value, _INLINE)
         if shared and id(value) in self._sent:
             return {"same": self._sent[id(value)]}
+        if "_read" in vars(value):  # a pose or a mesh that is read when it is looked at
+            for field in fields(value):
+                getattr(value, field.name)
         given = (field.name for field in fields(value) if field.name in vars(value))  # an uncalibrated camera has few
         members = {name: self._told(getattr(value, name), arrays) for name in given}
         number = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 from .arrays import Array
 from .baked import Baked
 from .camera import Box, Camera, Uncalibrated
-from .frame import Frame, Pose, Query, UnreadPose, Viewpoint, needed
+from .frame import Frame, Pose, Query, Viewpoint, needed
 from .light import (
     FRAME_KINDS,
     KNOWN_LIGHTS,
@@ -30,7 +30,7 @@ from .light import (
     known_leaves,
     leaves,
 )
-from .mesh import Mesh, Topology, UnreadMesh
+from .mesh import Mesh, Topology
 from .picture import Observation, Prediction
 
 __all__ = [
@@ -59,8 +59,6 @@ __all__ = [
     "Topology",
     "Uncalibrated",
     "Unknown",
-    "UnreadMesh",
-    "UnreadPose",
     "Viewpoint",
     "check_frame_kind",
     "kind_of",

@@ -51,6 +51,8 @@ class Camera:
             raise InputError(f"{owner}: size {self.width}x{self.height} must be at least 1x1")
         put(self, "K", checked(owner, "K", self.K, (3, 3), np.float64))
         put(self, "world_to_camera", checked(owner, "world_to_camera", self.world_to_camera, (3, 4), np.float64))
+        if self.K[:, 2].tolist() == [0.0, 0.0, 1.0] and self.K[2, :2].any():
+            raise InputError(f"{owner}: K is transposed: its last column is [0, 0, 1]; turn rows into columns")
         if abs(np.linalg.det(self.K)) < 1e-12:
             raise InputError(f"{owner}: K has no inverse; give focal lengths in pixels")
         if (last := self.K[2].tolist()) != [0.0, 0.0, 1.0]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -46,34 +46,24 @@ class Pose:
         _set(self, "rotation", _array("pose", "rotation", self.rotation, (3,), np.float64))
         _set(self, "translation", _array("pose", "translation", self.translation, (3,), np.float64))
 
+    @staticmethod
+    def unread(read: Callable[[], Pose]) -> Pose:
+        """A pose that `read()` gives when it is first looked at, so that frames by the million stay light.
 
-class UnreadPose(Pose):
-    """A pose that is worked out when it is first asked for, so that frames by the million stay light.
+        What `read` raises is raised there.
+        """
+        made = object.__new__(Pose)
+        _set(made, "_read", read)
+        return made
 
-    `read()` gives it; what it raises is raised where the pose is asked for.
-    """
+    if not TYPE_CHECKING:
 
-    def __init__(self, read: Callable[[], Pose]) -> None:
-        _set(self, "_read", read)
-
-    @property
-    def joints(self) -> Array:  # type: ignore[override]
-        return self._pose.joints
-
-    @property
-    def rotation(self) -> Array:  # type: ignore[override]
-        return self._pose.rotation
-
-    @property
-    def translation(self) -> Array:  # type: ignore[override]
-        return self._pose.translation
-
-    @property
-    def _pose(self) -> Pose:
-        if "_found" not in vars(self):
-            _set(self, "_found", vars(self)["_read"]())
-        found: Pose = vars(self)["_found"]
-        return found
+        def __getattr__(self, name: str) -> object:
+            """A field that is not there yet."""
+            if name not in ("joints", "rotation", "translation") or "_read" not in vars(self):
+                raise AttributeError(f"a pose has no {name}")
+            vars(self).update(vars(vars(self)["_read"]()))
+            return vars(self)[name]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -74,23 +75,23 @@ class Mesh:
     def __post_init__(self) -> None:
         _set(self, "vertices", _checked(self.vertices, self.topology))
 
+    @staticmethod
+    def unread(read: Callable[[], Array], topology: Topology) -> Mesh:
+        """A mesh whose vertices (V, 3) `read()` gives when they are first looked at, in an array of its own, so that
+        frames by the million stay light. What `read` raises is raised there."""
+        made = object.__new__(Mesh)
+        _set(made, "_read", read)
+        _set(made, "topology", topology)
+        return made
 
-class UnreadMesh(Mesh):
-    """A mesh whose vertices are read when they are first asked for, so that frames by the million stay light.
+    if not TYPE_CHECKING:
 
-    `read()` gives them, (V, 3) in metres, in an array of its own; what it raises is raised where they are asked for.
-    """
-
-    def __init__(self, read: Callable[[], Array], topology: Topology) -> None:
-        _set(self, "_read", read)
-        _set(self, "topology", topology)
-
-    @property
-    def vertices(self) -> Array:  # type: ignore[override]
-        if "_vertices" not in vars(self):
-            _set(self, "_vertices", _checked(vars(self)["_read"](), self.topology))
-        found: Array = vars(self)["_vertices"]
-        return found
+        def __getattr__(self, name: str) -> object:
+            """The vertices that are not there yet."""
+            if name != "vertices" or "_read" not in vars(self):
+                raise AttributeError(f"a mesh has no {name}")
+            _set(self, "vertices", _checked(vars(self)["_read"](), self.topology))
+            return vars(self)["vertices"]
 
 
 def _checked(vertices: Array, topology: Topology) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from handbench.errors import Unsupported
-from handbench.hand import HandModel, hand_model
+from handbench.hand import HandModel, hand_model, hand_of_poses
 from handbench.hand.fitting import QUICK, Picture, Settings, Unfittable, fit, pictures
 from handbench.method import Avatar, PosedAvatar, Progress, Recording, silent
 from handbench.recording import Need
@@ -86,13 +86,14 @@ class FittedHand:
 
 
 def fitted_hand(enrolment: Recording, settings: Settings = QUICK, progress: Progress = silent) -> FittedHand:
-    """One subject's hand, the hand model that is shipped fitted to the frames of its enrolment.
+    """One subject's hand: a hand model fitted to the frames of its enrolment, that of the poses if any are given.
 
     Depth and estimated poses are used where they are given. Frames in which no hand was found are left out. Raises
     `Unsupported`, with the fit's own reason, where that leaves fewer than half of them: a wrong hand is worse than
     none.
     """
-    model = hand_model()
+    model = hand_of_poses(frame.pose for frame in enrolment.frames)
+    settings = replace(settings, level=min(settings.level, model.levels))
     try:
         found = fit(model, [_trusted(picture) for picture in pictures(enrolment)], settings, progress)
     except Unfittable as error:
@@ -106,7 +107,7 @@ def fitted_hand(enrolment: Recording, settings: Settings = QUICK, progress: Prog
     if len(sightings) < _ENOUGH * len(frames):
         fatal = [problem for problem in found.problems if problem.fatal]
         raise Unsupported(f"{fatal[0]} (a hand was found in {len(sightings)} of {len(frames)} pictures)")
-    return FittedHand(model, found.shape, LEVEL, sightings)
+    return FittedHand(model, found.shape, min(LEVEL, model.levels), sightings)
 
 
 def _trusted(picture: Picture) -> Picture:

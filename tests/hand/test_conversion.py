@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 import syntheticmano
 
+from handbench.cli import main
+from handbench.data.exr import rgb, write_exr
+from handbench.data.pictures import read_picture
+from handbench.data.poses import read_poses, write_poses
 from handbench.errors import Unsupported
 from handbench.hand import HandModel, hand_model
 from handbench.hand.conversion import _aligned, converted
@@ -92,3 +97,40 @@ def test_a_texture_shows_the_same_places(mano: ManoHand) -> None:
     off = np.linalg.norm(shown - atlas.interpolate(mesh.vertices), axis=1)
     assert np.median(off) < 3e-3 and np.percentile(off, 95) < 1e-2
     assert not found.texture[:, ~atlas.covered].any()
+
+
+def test_the_verbs_convert_there_and_back(
+    mano: ManoHand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    if "HANDBENCH_MANO" not in os.environ:
+        monkeypatch.setenv("HANDBENCH_MANO", str(syntheticmano.write(tmp_path / "mano")))
+    hand_model.cache_clear()
+    rng = np.random.default_rng(5)
+    poses = [(placed(OPEN.sample_pose(rng, 0.6)), np.asarray(OPEN.neutral())) for _ in range(2)]
+    write_poses(tmp_path / "open.npz", poses, OPEN)
+    there = ["--to", "mano-right", "--flat-hand-mean", "no", "--out", str(tmp_path / "mano.npz")]
+    assert main(["hand", "poses", str(tmp_path / "open.npz"), *there]) == 0
+    assert "2 poses: key points differ by" in capsys.readouterr().out
+    back = [
+        "--from",
+        "mano-right",
+        "--flat-hand-mean",
+        "false",
+        "--to",
+        "openhand",
+        "--out",
+        str(tmp_path / "back.npz"),
+    ]
+    assert main(["hand", "poses", str(tmp_path / "mano.npz"), *back]) == 0
+    for (pose, shape), found in zip(poses, read_poses(tmp_path / "back.npz", OPEN), strict=True):
+        _, one = OPEN.posed(shape, pose)
+        _, two = OPEN.posed(found.shape, found.pose)
+        assert np.linalg.norm(one - two, axis=1)[list(OPEN.key_points)].mean() < 4e-3
+    assert main(["hand", "poses", str(tmp_path / "open.npz"), "--to", "mano-right", "--out", "x.npz"]) == 2
+    assert "say which" in capsys.readouterr().err
+    texture = tmp_path / "skin.exr"
+    write_exr(texture, rgb(np.moveaxis(coloured(OPEN, 64, 1), 0, -1), dtype=np.float32))
+    asked = ["--to", "mano-right", "--size", "64", "--out", str(tmp_path / "made.exr")]
+    assert main(["hand", "texture", str(texture), *asked]) == 0
+    assert "surfaces are apart by" in capsys.readouterr().out and read_picture(tmp_path / "made.exr").image.any()
+    hand_model.cache_clear()

@@ -177,7 +177,7 @@ def _huge() -> bytes:
     [
         (pickle.dumps(_Evil()), "names (posix|nt).system, which no file of hand data needs; do not trust it"),
         (pickle.dumps({"f": _Print()}), "names (__builtin__|builtins).eval"),
-        (pickle.dumps(np.array([{}, []], dtype=object)), "numbers of the type 'O8'"),
+        (pickle.dumps(np.array([{}, []], dtype=object)), "array of objects"),
         (pickle.dumps(np.zeros(3), protocol=2)[:-20], "no pickle that can be read"),
         (b"solid cube", "no pickle that can be read"),
         (b"", "no pickle that can be read"),

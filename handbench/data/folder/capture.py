@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from ...errors import InputError
 from ...files import read_json
 from ...hand import HandModel, hand_model
-from ...recording import PARTS, Need, Part, Recording
-from ...scene import Array, Frame, Mesh, Observation, Pose, UnreadMesh
+from ...recording import Need
+from ...scene import Array, Frame, Mesh, Observation, Pose
 from ..arrays import read_array
 from ..capture import Capture
 from ..exr import read_exr
@@ -64,6 +64,12 @@ class Folder(Capture):
         return total.hexdigest()
 
     @property
+    def linear_codes(self) -> bool:
+        """Whether pictures of whole numbers are said to be linear."""
+        coded = any(not name.lower().endswith((".exr", ".npy")) for name in self._pictures.values())
+        return coded and self._manifest.colour == "linear"
+
+    @property
     def offers(self) -> frozenset[Need]:
         parts: dict[Need, bool] = {
             "alpha": "masks" in self._manifest.parts or self._all_have_alpha,
@@ -77,22 +83,6 @@ class Folder(Capture):
         if not self._unplaced:
             return ()
         return (f"{self._unplaced} pictures have no camera in the calibration and are left out",)
-
-    def enrolment(self, subject: str | None = None, segment: str | None = None) -> Recording:
-        """The frames of one subject and, if one is named, one segment, with all that the folder tells of them.
-
-        Raises `InputError` for a subject or a segment that is none, and for several subjects of which none is said.
-        """
-        subjects = dict.fromkeys(frame.subject for frame in self._frames)
-        if subject is None and len(subjects) > 1:
-            raise InputError(f"folder {self.folder} shows {', '.join(subjects)}; say which subject is meant")
-        wanted = subject or next(iter(subjects))
-        frames = [f for f in self._frames if f.subject == wanted and segment in (None, f.segment)]
-        if not frames:
-            kind, name = ("subject", wanted) if wanted not in subjects else ("segment", segment)
-            raise InputError(f"folder {self.folder} has no {kind} {name!r}")
-        gives: frozenset[Part] = frozenset(part for part in PARTS if part in self.offers)
-        return Recording(frames, self.observe, gives)
 
     def observe(self, frame: Frame) -> Observation:
         parts = self._parts[frame.key]
@@ -188,7 +178,7 @@ class Folder(Capture):
             if shape is None:
                 raise InputError(f"folder {self.folder}: meshes from poses need a shape in every pose file; add it")
             level = min(1, model.levels)
-            return UnreadMesh(lambda: model.mesh(shape, posed.pose, level).vertices, model.topology(level))
+            return Mesh.unread(lambda: model.mesh(shape, posed.pose, level).vertices, model.topology(level))
         if "meshes" not in self._manifest.parts:
             return None
         path = self._there("meshes", told, self._manifest.images.path(told))
@@ -196,7 +186,7 @@ class Folder(Capture):
             return self._read_mesh(path)
         shared = next(iter(self._meshes.values())).topology
         read: Callable[[], Array] = partial(self._vertices, path, shared.digest)
-        return UnreadMesh(read, shared)
+        return Mesh.unread(read, shared)
 
     def _vertices(self, path: str, digest: str) -> Array:
         mesh = self._read_mesh(path)

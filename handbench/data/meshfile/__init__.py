@@ -15,7 +15,7 @@ from .glb import parse_glb
 from .obj import parse_obj
 from .ply import parse_ply
 
-LIMIT = 256 << 20
+LIMIT = 128 << 20
 """Bytes of the largest mesh file that is read."""
 
 _PARSERS = {".obj": parse_obj, ".ply": parse_ply, ".glb": parse_glb}

@@ -17,7 +17,8 @@ _TYPES = {
     **{"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"},
 }
 _UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
-_CORNERS = 1 << 26  # of all faces together
+_CORNERS = 1 << 16  # of one face
+_MOST = 4_000_000  # vertices or faces
 
 
 @dataclass
@@ -31,17 +32,9 @@ class _Element:
 
 def parse_ply(content: bytes) -> Mesh:
     """The mesh in a PLY file."""
-    head, found, body = content.partition(b"end_header")
-    if not content.startswith(b"ply") or not found:
-        raise InputError("it is no PLY file, or its header is cut off; export it anew")
-    kind, elements = _header(head.decode("ascii", "replace"))
-    body = body[body.index(b"\n") + 1 :]
-    read = _ascii if kind == "ascii" else _binary
-    values = read(body, elements, ">" if kind == "binary_big_endian" else "<")
+    values = _elements(content)
     vertex, face = values.get("vertex", {}), values.get("face", {})
-    if not all(axis in vertex for axis in "xyz"):
-        raise InputError("its vertices have no x, y, z; export it anew")
-    at = np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(np.float64)
+    at = _positions(vertex)
     polygons = face.get("vertex_indices", face.get("vertex_index", []))
     if any(len(polygon) < 3 for polygon in polygons):
         raise InputError("a face has fewer than three corners; export it anew")
@@ -54,6 +47,27 @@ def parse_ply(content: bytes) -> Mesh:
     names = next((pair for pair in _UVS if all(name in vertex for name in pair)), None)
     uvs = None if names is None else np.stack([vertex[name] for name in names], axis=-1).astype(np.float64)
     return welded(at, faces, uvs)
+
+
+def read_vertices(content: bytes) -> Array:
+    """The vertices (V, 3) in a PLY file, in its order; it may have no faces. Raises `InputError` for one without."""
+    return _positions(_elements(content).get("vertex", {}))
+
+
+def _elements(content: bytes) -> dict[str, dict[str, list[Array] | Array]]:
+    head, found, body = content.partition(b"end_header")
+    if not content.startswith(b"ply") or not found:
+        raise InputError("it is no PLY file, or its header is cut off; export it anew")
+    kind, elements = _header(head.decode("ascii", "replace"))
+    body = body[body.index(b"\n") + 1 :]
+    read = _ascii if kind == "ascii" else _binary
+    return read(body, elements, ">" if kind == "binary_big_endian" else "<")
+
+
+def _positions(vertex: dict[str, list[Array] | Array]) -> Array:
+    if not all(axis in vertex for axis in "xyz"):
+        raise InputError("its vertices have no x, y, z; export it anew")
+    return np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(np.float64)
 
 
 def _header(text: str) -> tuple[str, list[_Element]]:
@@ -70,8 +84,8 @@ def _header(text: str) -> tuple[str, list[_Element]]:
                 elements[-1].properties.append((name, _TYPES[of], None))
     if not kind:
         raise InputError("its header states no format that is known; export it as binary or ASCII PLY")
-    if any(element.count < 0 for element in elements):
-        raise InputError("its header counts less than nothing; it is damaged, export it anew")
+    if not all(0 <= element.count <= _MOST for element in elements):
+        raise InputError(f"its header counts less than nothing, or more than {_MOST:,}; export a smaller mesh")
     return kind, elements
 
 

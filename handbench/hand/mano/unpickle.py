@@ -56,12 +56,15 @@ class _Dtype:
     """What stands for `numpy.dtype`: a plain number type."""
 
     def __init__(self, code: Any, *unused: Any) -> None:
+        self.table = code == "O8"  # numpy's way to keep a dict
+        if self.table:
+            return
         if not isinstance(code, str) or not _PLAIN.fullmatch(code):
             raise InputError(f"it holds numbers of the type {shortened(code)}, which no file of hand data needs")
         self.dtype = np.dtype(code)
 
     def __setstate__(self, state: Any) -> None:
-        if state[1] in ("<", ">"):
+        if not self.table and state[1] in ("<", ">"):
             self.dtype = self.dtype.newbyteorder(state[1])
 
 
@@ -76,10 +79,15 @@ class _Array:
     """What stands for an array until its content comes."""
 
     def __init__(self, kind: Any, shape: Any, code: Any) -> None:
-        self.values: Array = np.zeros(0)
+        self.values: Any = np.zeros(0)
 
     def __setstate__(self, state: Any) -> None:
         _, shape, kind, by_columns, content = state
+        if isinstance(kind, _Dtype) and kind.table:
+            if shape != () or not isinstance(content, list) or len(content) != 1:
+                raise InputError("it holds an array of objects, which no file of hand data needs")
+            self.values = content[0]
+            return
         count = math.prod(shape)
         content = content.encode("latin1") if isinstance(content, str) else content
         if not isinstance(kind, _Dtype) or not isinstance(content, bytes) or not 0 <= count <= _VALUES:
@@ -119,15 +127,33 @@ def read_pickle(path: Path, what: str, limit: int = LIMIT) -> Any:
 
     Raises `InputError` for a file that is missing, larger than `limit`, damaged, or that names anything else.
     """
-    content = read_bytes(path, limit, what)
+    return _loaded(io.BytesIO(read_bytes(path, limit, what)), path, what)
+
+
+def _loaded(file: io.BytesIO, path: Path, what: str) -> Any:
     try:
-        value = _Reader(io.BytesIO(content), encoding="latin1").load()
+        value = _Reader(file, encoding="latin1").load()
         return _plain(value, 0)
     except InputError as error:
         raise InputError(f"{what} {path}: {error}") from error
     except Exception as error:  # a damaged pickle raises whatever the bytes lead to
         told = " ".join(str(error).split())[:120]
         raise InputError(f"{what} {path} is no pickle that can be read ({told}); get it again") from error
+
+
+def read_numpy_object(path: Path, what: str, limit: int = LIMIT) -> Any:
+    """The table in a .npy file that holds one, which numpy pickles: under the rules of `read_pickle`."""
+    content = read_bytes(path, limit, what)
+    file = io.BytesIO(content)
+    try:
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(file)
+    except Exception as error:  # of numpy, and of the parser of the header
+        raise InputError(f"{what} {path} is damaged or no numpy file; get it again") from error
+    if shape != () or not dtype.hasobject:
+        raise InputError(f"{what} {path} holds an array of shape {shape}, not a table; get it again")
+    return _loaded(file, path, what)
 
 
 class _Reader(pickle.Unpickler):
@@ -155,7 +181,7 @@ def _plain(value: Any, depth: int) -> Any:
     if isinstance(value, _Sparse):
         return _dense(value.state)
     if isinstance(value, _Array):
-        return value.values
+        return value.values if isinstance(value.values, np.ndarray) else _plain(value.values, depth + 1)
     if value is None or isinstance(value, bool | int | float | str | bytes | np.generic):
         return value
     raise InputError(f"it holds a {type(value).__name__}, which no file of hand data needs")

@@ -1,0 +1,86 @@
+"""Protocols on captures that others publish fit look-alikes of them, and hide the light that nobody tells."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import syntheticmano
+from lookalikes import write_goliath, write_harp, write_palm
+
+from handbench.bench import given
+from handbench.bench.opening import select
+from handbench.bench.plan import make_method
+from handbench.data.capture import Capture
+from handbench.data.openstage import open_capture
+from handbench.data.readers.goliath import Goliath
+from handbench.data.readers.harp import Harp
+from handbench.data.readers.interhand import InterHand
+from handbench.data.together import Together
+from handbench.hand import hand_model
+from handbench.protocols import parse
+from handbench.registry import METHODS
+from handbench.scene import Unknown
+
+FOLDER = Path(__file__).parents[2] / "protocols"
+STAGE = open_capture("mini")
+
+
+@pytest.fixture(scope="module")
+def mano(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    with pytest.MonkeyPatch.context() as patch:
+        if "HANDBENCH_MANO" not in os.environ:
+            patch.setenv("HANDBENCH_MANO", str(syntheticmano.write(tmp_path_factory.mktemp("mano"))))
+        hand_model.cache_clear()
+        yield hand_model("mano-right")
+    hand_model.cache_clear()
+
+
+def selected(name: str, capture: Capture, **changes: Any) -> Any:
+    table: dict[str, Any] = tomllib.loads((FOLDER / f"{name}.toml").read_text())
+    if "capture" in table["train"]:
+        table["train"] |= {"size": "mini", "lightings": ["group-*", "full"]}
+        table["subjects"]["trained"] = ["s01", "s02"]
+        capture = Together(capture, STAGE)
+    return select(parse({**table, **changes}, name), capture)
+
+
+def test_palms_twelve_sequences(mano: Any, tmp_path: Path) -> None:
+    write_palm(tmp_path, STAGE, mano)
+    capture = InterHand(tmp_path, "palm")
+    assert len(capture.frames()) == 12 * 4 and {f.moment for f in capture.frames()} == {0, 1, 2, 3}
+    found = selected("interhand-palm", capture)
+    assert len(found.protocol.subjects) == 12 and len(found.enrol) == 12
+    assert all(frame.moment == 0 and frame.segment == "fit" for frame in found.enrol)
+    assert len(found.scored["later"]) == 36 and len(found.scored["as-published"]) == 48
+    for name in found.protocol.methods:
+        info = make_method(METHODS.entry(name), "quick").info
+        assert given.refusal(found, info, "c1-ROM05-400469") is None, name
+        if not info.truth:
+            assert isinstance(given.asked(found, info, found.scored["later"][0]).light, Unknown)
+
+
+def test_harps_split(mano: Any, tmp_path: Path) -> None:
+    write_harp(tmp_path, STAGE, mano)
+    found = selected("harp-sequences", Harp(tmp_path))
+    assert {f.pose_name[0] for f in found.enrol} == {"1"} and {f.pose_name[0] for f in found.scored["test"]} == {"6"}
+
+
+def test_goliaths_hands(tmp_path: Path) -> None:
+    write_goliath(tmp_path, STAGE)
+    table = tomllib.loads((FOLDER / "goliath-urhand.toml").read_text())
+    column = {
+        **table["column"][1],
+        "segments": ["train"],
+        "shares": ["subject", "pose", "light"],
+        "subjects": "trained",
+    }
+    found = selected("goliath-urhand", Goliath(tmp_path), subjects={"trained": ["6641280-right"]}, column=[column])
+    assert {f.kind for f in found.train} == {"full", "group"} and {f.kind for f in found.enrol} == {"full"}
+    for name in found.protocol.methods:
+        info = make_method(METHODS.entry(name), "standard").info
+        assert given.refusal(found, info, "6641280-right") is None, name
