@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 _SELECTION = ("segments", "kinds", "lightings", "poses", "cameras")
 _ENROL = ("count", "gives", "per_identity", *_SELECTION)
-_COLUMN = ("name", "title", "subjects", "shares", "limit", "light", *_SELECTION)
+_COLUMN = ("name", "title", "subjects", "shares", "limit", "light", "maps", *_SELECTION)
 _TOP = (
     *("name", "version", "title", "summary", "capture", "size", "subjects", "train", "enrol", "column"),
     *("metrics", "methods", "seeds", "preset", "presets", "aggregation", "sample_seed", "published", "published_note"),
@@ -130,7 +130,10 @@ def _column(owner: str, table: Any, trained: tuple[str, ...], unseen: tuple[str,
     selection = _selection(reader.owner, {key: reader.given[key] for key in _SELECTION if key in reader.given})
     limit = reader.whole("limit", least=1) if "limit" in reader.given else None
     light = reader.choice("light", reader.text("light", default="given"), get_args(ColumnLight))
-    return Column(name, reader.text("title"), subjects, selection, shares, limit, light)
+    maps = reader.texts("maps", default=())
+    if maps and light != "given":
+        raise InputError(f"{reader.owner}: maps are lights that are given; leave out light, or maps")
+    return Column(name, reader.text("title"), subjects, selection, shares, limit, light, maps)
 
 
 def _subjects(column: _Reader, trained: tuple[str, ...], unseen: tuple[str, ...]) -> str | tuple[str, ...]:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from handbench.bench.scoring import SHOWN
 from handbench.scene import Array
 
 from .figures import ERROR_SCALE
@@ -57,10 +58,10 @@ def viewer(run: Run, table: Table) -> Viewer | None:
 
     def frame(query: str) -> dict[str, Any] | None:
         pair = truth(query)
-        if pair is None:
-            return None
         of_query = [given[method.name].get(query) for method in methods]
-        return _frame(run, query, *pair, of_query, [name for name, queries in columns.items() if query in queries])
+        if pair is None and not any(answer is not None and answer.frame.reason == SHOWN for answer in of_query):
+            return None
+        return _frame(run, query, pair, of_query, [name for name, queries in columns.items() if query in queries])
 
     with ThreadPoolExecutor() as pool:  # pictures are decoded and coded outside of Python
         drawn = pool.map(frame, (query for query in scored if query in chosen))
@@ -99,11 +100,15 @@ def _spread(columns: Mapping[str, Mapping[str, None]], limit: int) -> set[str]:
 
 
 def _frame(
-    run: Run, query: str, image: Array, alpha: Array, given: Sequence[Answer | None], columns: list[str]
-) -> dict[str, Any]:
-    view = View.of(image, alpha)
+    run: Run, query: str, truth: tuple[Array, Array] | None, given: Sequence[Answer | None], columns: list[str]
+) -> dict[str, Any] | None:
+    """A frame's pictures; without a truth, under a map of the user's, they are cut and exposed as the first one is."""
     subject, pose, camera, light = query.split("/", 3)
     drawn = [answer.picture(run, query) if answer else (None, "not computed") for answer in given]
+    shown = truth or next(((image, image.max(axis=-1) > 0) for image, _ in drawn if image is not None), None)
+    if shown is None:
+        return None
+    view = View.of(*shown)
     return {
         "subject": subject,
         "pose": pose,
@@ -112,8 +117,8 @@ def _frame(
         "kind": next((answer.kind for answer in given if answer), ""),
         "columns": columns,
         "exposure": f"{view.exposure:.2g}",
-        "pictures": [webp(view(image), SIDE), *_pictures(view, drawn)],
-        "reasons": ["", *(reason for _, reason in drawn)],
+        "pictures": [None if truth is None else webp(view(truth[0]), SIDE), *_pictures(view, drawn)],
+        "reasons": [SHOWN if truth is None else "", *(reason for _, reason in drawn)],
         "scores": [None, *(_scores(run, answer) for answer in given)],
     }
 

@@ -29,7 +29,7 @@ from .plan import Cell
 from .priors import Curve, Priors, Training
 from .protocol import Protocol, Selected
 from .reader import CaptureReader, blame
-from .scoring import Scoring, failed
+from .scoring import SHOWN, Scoring, failed
 from .store import Store
 
 _CHUNK = 16  # queries drawn, scored and dropped together: bounds memory, keeps metrics batched
@@ -159,7 +159,9 @@ def _relight(
     """Draw and score in chunks. The picture that is timed first is the one that is scored."""
     frames = list({frame.key: frame for _, frame in scored}.values())
     ask = partial(given.asked, bench.selected, info)
-    drawable = [frame for frame in frames if light_refusal(info, ask(frame).light) is None]
+    shown = bench.selected.without_truth
+    unseen = shown if info.truth else frozenset()  # who looks the truth up has nothing to look for
+    drawable = [f for f in frames if f.key not in unseen and light_refusal(info, ask(f).light) is None]
     warming, drawing = (Drawing(bench.reader, ask, info, avatar) for _ in range(2))
     # what a first call loads or compiles stays off the clock
     for frame in {frame.kind: frame for frame in drawable}.values():
@@ -167,11 +169,11 @@ def _relight(
     twice = repeated(drawable)
     same: bool | None = None
     kept: dict[str, str] = {}
-    scoring = Scoring(bench.reader, bench.metrics, bench.metrics_module)
+    scoring = Scoring(bench.reader, bench.metrics, bench.metrics_module, shown)
     for begin in range(0, len(frames), _CHUNK):
         drawn: list[tuple[Frame, Prediction]] = []
         for i, frame in enumerate(frames[begin : begin + _CHUNK], start=begin + 1):
-            answer = drawing.draw(frame)
+            answer = Failure(SHOWN, None) if frame.key in unseen else drawing.draw(frame)
             progress(i, len(frames))
             if isinstance(answer, Failure):
                 scoring.missing(frame, answer)

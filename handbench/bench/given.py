@@ -31,7 +31,8 @@ def enrolment(selected: Selected, info: MethodInfo, subject: str, observe: Calla
     if not info.universal and rule.per_identity == "train":
         frames += selected.train
     if info.truth:
-        frames += [frame for column in selected.scored.values() for frame in column]
+        scored = (frame for column in selected.scored.values() for frame in column)
+        frames += [frame for frame in scored if frame.key not in selected.without_truth]
     of_subject = {frame.key: frame for frame in frames if frame.subject == subject}
     return Recording(of_subject.values(), observe, PARTS if info.truth else rule.gives)
 

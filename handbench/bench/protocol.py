@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from itertools import combinations
@@ -79,7 +80,8 @@ class Column:
     """A group of scored frames that answers one question; `limit` caps how many, None scores all.
 
     `subjects` is "trained", "unseen", or names of subjects of one of these groups. `light` "as enrolled" asks for
-    frames under the one light that enrolment shows the subject in, of which a query tells nothing.
+    frames under the one light that enrolment shows the subject in, of which a query tells nothing. `maps` are lights of
+    the user's (`data.lights`), under which the column shows the viewpoints of its frames: of these there is no truth.
     """
 
     name: str
@@ -89,12 +91,17 @@ class Column:
     shares: tuple[str, ...] = ()
     limit: int | None = None
     light: ColumnLight = "given"
+    maps: tuple[str, ...] = ()
 
     @property
     def said(self) -> dict[str, Any]:
-        """What of it decides a score, as JSON values; the usual light is left out, so that it changes no digest."""
-        said = {**asdict(self), "title": None}
-        return said if self.light != "given" else {name: value for name, value in said.items() if name != "light"}
+        """What of it decides a score, as JSON values, maps by their content; the usual light and no maps are left out,
+        so that they change no digest."""
+        from ..data.lights import NamedLight
+
+        said = {**asdict(self), "title": None, "maps": [NamedLight.parse(text).digest for text in self.maps]}
+        usual = {"light": "given", "maps": []}
+        return {name: value for name, value in said.items() if name not in usual or value != usual[name]}
 
 
 @dataclass(frozen=True)
@@ -193,7 +200,15 @@ class Selected:
     @cached_property
     def as_enrolled(self) -> frozenset[str]:
         """Keys of the scored frames that are asked for under the light as enrolled."""
-        names = {column.name for column in self.protocol.columns if column.light == "as enrolled"}
+        return self._of(lambda column: column.light == "as enrolled")
+
+    @cached_property
+    def without_truth(self) -> frozenset[str]:
+        """Keys of the frames under maps of the user's: they are drawn and shown, and there is nothing to score with."""
+        return self._of(lambda column: bool(column.maps))
+
+    def _of(self, chosen: Callable[[Column], bool]) -> frozenset[str]:
+        names = {column.name for column in self.protocol.columns if chosen(column)}
         return frozenset(frame.key for name, frames in self.scored.items() if name in names for frame in frames)
 
 
@@ -232,6 +247,8 @@ def resolve(
         chosen = [frame for frame in frames if frame.subject in subjects and column.frames.selects(frame)]
         if not chosen:
             raise InputError(f"{owner}: column {column.name!r} selects no frame; check its segments and lightings")
+        if column.maps:
+            chosen = _under_maps(f"{owner}: column {column.name!r}", column.maps, chosen)
         _check_sharing(owner, column, chosen, train, enrol)
         if column.light == "as enrolled":
             _check_enrolled_light(owner, column, chosen, enrol)
@@ -246,6 +263,25 @@ def resolve(
                 "under the light as enrolled; select other frames in one of them"
             )
     return selected
+
+
+def _under_maps(owner: str, maps: Sequence[str], frames: Iterable[Frame]) -> tuple[Frame, ...]:
+    """The viewpoints of frames, each under every map. Raises `InputError` for two maps of one name."""
+    from ..data.lights import NamedLight
+
+    lights: dict[str, Environment] = {}
+    for text in maps:
+        light = NamedLight.parse(text)
+        name = "map-" + re.sub(r"[^A-Za-z0-9.+-]+", "-", light.label)
+        if name in lights:
+            raise InputError(f"{owner} has two maps named {name}; rename one of the files")
+        lights[name] = light.read()
+    views = {frame.viewpoint.key: frame for frame in frames}
+    return tuple(
+        replace(frame, lighting=name, light=light, kind="environment")
+        for frame in views.values()
+        for name, light in lights.items()
+    )
 
 
 def _enrolled(owner: str, protocol: Protocol, frames: Sequence[Frame]) -> tuple[Frame, ...]:

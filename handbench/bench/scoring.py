@@ -18,16 +18,25 @@ from ..scene import Frame, Prediction
 from .failure import Failure, failure
 from .reader import CaptureReader
 
+SHOWN = "there is no picture of the truth under this map: shown, not scored"
+"""Why frames under maps of the user's have no values."""
+
 
 class Scoring:
-    """Scores pictures, a few at a time.
+    """Scores pictures, a few at a time; those whose keys are in `shown` have no truth, so they are not scored.
 
     trace       the traceback of the first failure that is to be mended, None if there is none
     seconds     of everything that was scored
     """
 
-    def __init__(self, reader: CaptureReader, metrics: Mapping[str, Any], metrics_module: ModuleType) -> None:
-        self._reader, self._metrics, self._module = reader, metrics, metrics_module
+    def __init__(
+        self,
+        reader: CaptureReader,
+        metrics: Mapping[str, Any],
+        metrics_module: ModuleType,
+        shown: frozenset[str] = frozenset(),
+    ) -> None:
+        self._reader, self._metrics, self._module, self._shown = reader, metrics, metrics_module, shown
         self._found: dict[str, list[tuple[float | None, str | None]]] = {}
         self._medians: dict[str, float] = {}
         self.trace: str | None = None
@@ -52,6 +61,9 @@ class Scoring:
         bad = int(np.count_nonzero(~np.isfinite(picture.image)) + np.count_nonzero(~np.isfinite(picture.alpha)))
         if bad:
             self.missing(frame, Failure(f"non-finite: {bad} values of the prediction are NaN or infinite", None))
+            return None
+        if frame.key in self._shown:
+            self.missing(frame, Failure(SHOWN, None))
             return None
         try:
             truth = self._reader(frame)

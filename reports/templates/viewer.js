@@ -91,13 +91,14 @@ if (root) {
     const chosen = { left: Number(form.left.value), right: Number(form.right.value) };
     const [truth, left, right] = await Promise.all([pixels(0), pixels(chosen.left), pixels(chosen.right)]);
     if (turn !== latest) return;
-    root.style.setProperty("--ratio", truth.width / truth.height);
+    const sized = truth || left || right || { width: 3, height: 4 };
+    root.style.setProperty("--ratio", sized.width / sized.height);
     for (const [side, picture] of Object.entries({ left, right })) {
       const index = chosen[side];
-      const wrong = get(".error").checked && index > 0;
+      const wrong = get(".error").checked && index > 0 && truth;
       const canvas = get(`.side.${side} canvas`);
-      canvas.width = truth.width;
-      canvas.height = truth.height;
+      canvas.width = sized.width;
+      canvas.height = sized.height;
       if (picture) canvas.getContext("2d").putImageData(wrong ? error(picture, truth) : picture, 0, 0);
       canvas.setAttribute("aria-label", words(index));
       get(`.side.${side} .missing`).textContent = picture ? "" : `No picture: ${frame.reasons[index]}`;
