@@ -76,6 +76,20 @@ ENTRIES: tuple[Entry, ...] = (
         "handbench.methods.uhm:create",
         "UHM-style adaptation: texture without shadows on a fitted hand, from pictures in unknown light",
     ),
+    Entry(
+        "palm-net",
+        "handbench.methods.palm:create",
+        "PALM-Net: an implicit surface and reflectance of many people, one picture by fixed networks",
+    ),
+    *(
+        Entry(
+            f"palm-net-{name}", "handbench.methods.palm:create", f"ablation of palm-net: {about}", (("ablation", name),)
+        )
+        for name, about in (
+            ("no-normals", "a prior that learned without normals"),
+            ("fixed-light", "the studio's light instead of a fitted one"),
+        )
+    ),
     *(
         Entry(
             f"{name}-tracked",

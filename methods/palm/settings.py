@@ -1,0 +1,95 @@
+"""The settings of PALM-Net as a method: of its prior, of how a person is found, and of how hands are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from handbench.errors import unknown_name
+
+from .config import PRESETS as PRIORS
+from .config import Config
+from .drawing import Drawing
+from .gathering import Gathering
+from .personalise import Fit, FitRates, FitWeights
+
+
+@dataclass(frozen=True)
+class Settings:
+    """One preset. What is changed in `prior` trains anew."""
+
+    prior: Config
+    fit: Fit
+    drawing: Drawing
+
+
+_QUICK = Fit(
+    steps=160,
+    rays=192,
+    patch=16,
+    side=144,
+    samples=128,
+    places=1,
+    components=8,
+    whitened=True,
+    lit_from=0.0,
+    solved=True,
+    rebuild=40,
+    falling=0.9,
+    weights=FitWeights(radiance=0.0, physical=1.0),
+    rates=FitRates(code=0.04, pose=1e-4, shape=5e-3, light=0.02),
+)
+_PAPER = Drawing(places="volume", scatter=64, visibility="march", gathering=Gathering(maps="light", directions=4096))
+_FITS = {
+    "smoke": replace(_QUICK, steps=12, rays=64, side=72, samples=32, components=2, rebuild=12),
+    "quick": _QUICK,
+    "seed": Fit(),
+    "released": Fit(),
+    "hand-scale": Fit(samples=256, places=1),
+}
+_DRAWINGS = {
+    "smoke": Drawing(spacing=4e-3, supersample=2),
+    "quick": Drawing(),
+    "seed": _PAPER,
+    "released": replace(_PAPER, visibility="body-march"),
+    "hand-scale": _PAPER,
+}
+PRESETS = {name: Settings(prior, _FITS[name], _DRAWINGS[name]) for name, prior in PRIORS.items()}
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """How a variant is called, what it leaves out, and the fields that it changes: of the prior, of the fit."""
+
+    title: str
+    summary: str
+    prior: Mapping[str, Any]
+    fit: Mapping[str, Any]
+
+
+ABLATIONS: dict[str, Ablation] = {
+    "no-normals": Ablation(
+        "PALM-Net w/o normals", "a prior that learned without normals of its pictures", {"normal": 0.0}, {}
+    ),
+    "fixed-light": Ablation(
+        "PALM-Net, fixed light",
+        "the studio's light, as bright as the picture, instead of a fitted one",
+        {},
+        {"light": "fixed"},
+    ),
+}
+"""Those of the seed's Sec. 7."""
+
+
+def settings(preset: str, ablation: str | None) -> Settings:
+    """The settings of a preset and an ablation; `InputError` with the closest names for unknown ones."""
+    if preset not in PRESETS:
+        raise unknown_name("preset of palm-net", preset, PRESETS)
+    chosen = PRESETS[preset]
+    if ablation is None:
+        return chosen
+    if ablation not in ABLATIONS:
+        raise unknown_name("ablation of palm-net", ablation, ABLATIONS)
+    changed = ABLATIONS[ablation]
+    return replace(chosen, prior=replace(chosen.prior, **changed.prior), fit=replace(chosen.fit, **changed.fit))
