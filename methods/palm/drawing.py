@@ -51,11 +51,10 @@ class View(NamedTuple):
     pixel: Tensor
 
 
-def surface_view(posed: PosedHand, canonical: Tensor, raster: Raster, size: float) -> View:
-    """One place for each pixel that sees the raster's mesh, which is `size` times the posed hand.
+def surface_view(posed: PosedHand, canonical: Tensor, raster: Raster) -> View:
+    """One place for each pixel that sees the raster's mesh, whose vertices are at canonical (V, 3) in canonical space.
 
-    canonical (V, 3) are its vertices in canonical space. A pixel's place is what the middle one of its rays that meet
-    the mesh sees.
+    A pixel's place is what the middle one of its rays that meet the mesh sees.
     """
     order = np.argsort(raster.pixel, kind="stable")
     pixel, first, count = np.unique(raster.pixel[order], return_index=True, return_counts=True)
@@ -63,26 +62,21 @@ def surface_view(posed: PosedHand, canonical: Tensor, raster: Raster, size: floa
     corners = canonical[torch.from_numpy(raster.mesh.topology.faces[raster.face[chosen]].astype(np.int64))]
     at = posed.at((torch.from_numpy(raster.barycentric[chosen])[..., None] * corners).sum(dim=1))
     alpha = torch.from_numpy(raster.alpha.reshape(-1)[pixel])
-    point = size * at.point
-    view = torch.nn.functional.normalize(torch.from_numpy(raster.camera.centre).float() - point, dim=1)
+    view = torch.nn.functional.normalize(torch.from_numpy(raster.camera.centre).float() - at.point, dim=1)
     places = Scattering(
-        len(pixel), torch.arange(len(pixel)), alpha, point + LIFT * at.normal, at.normal, view, at.material(posed)
+        len(pixel), torch.arange(len(pixel)), alpha, at.point + LIFT * at.normal, at.normal, view, at.material(posed)
     )
     return View(places, torch.from_numpy(pixel.astype(np.int64)))
 
 
-def volume_view(posed: PosedHand, camera: Camera, size: float, scatter: int) -> View:
-    """At most `scatter` places for each pixel of the posed hand's box, drawn by the weights of a march.
-
-    The posed hand is in the world over `size`.
-    """
-    low, high = posed.box.double().numpy() * size
+def volume_view(posed: PosedHand, camera: Camera, scatter: int) -> View:
+    """At most `scatter` places for each pixel of the posed hand's box, drawn by the weights of a march."""
+    low, high = posed.box.double().numpy()
     corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
     pixel, towards = pixel_rays(camera, camera.box(corners))
-    origins = torch.from_numpy(camera.centre / size).float().expand(len(towards), 3)
+    origins = torch.from_numpy(camera.centre).float().expand(len(towards), 3)
     rendering = render(posed, origins, towards, posed.model.config.marching, None)
-    places = Scattering.of(posed, rendering, towards).drawn(scatter)
-    return View(replace(places, point=size * places.point), torch.from_numpy(pixel))
+    return View(Scattering.of(posed, rendering, towards).drawn(scatter), torch.from_numpy(pixel))
 
 
 def pixel_rays(camera: Camera, box: Box) -> tuple[Array, Tensor]:
@@ -96,10 +90,9 @@ def pixel_rays(camera: Camera, box: Box) -> tuple[Array, Tensor]:
 @dataclass(frozen=True, eq=False)
 class Body:
     """A person's hand in a pose, whoever looks: the field, its mesh in the world with the vertices' canonical places,
-    and what hides light. The field is in the world over `size`."""
+    and what hides light."""
 
     posed: PosedHand
-    size: float
     mesh: PosedMesh
     canonical: Tensor
     occluder: Occluder
@@ -109,13 +102,13 @@ class Body:
     def of(person: Person, pose: Pose, drawing: Drawing) -> Body:
         posed = person.posed(pose)
         surface = posed.surface(drawing.spacing)
-        mesh = PosedMesh(Mesh(person.size * surface.mesh.vertices, surface.mesh.topology))
+        mesh = PosedMesh(surface.mesh)
         own = person.light.to_environment(*_OWN_LIGHT)
-        return Body(posed, person.size, mesh, surface.canonical, _occluder(posed, mesh, person.size, drawing), own)
+        return Body(posed, mesh, surface.canonical, _occluder(posed, mesh, drawing), own)
 
     def holds(self, point: Array) -> bool:
         """Whether a point (3,) of the world is inside."""
-        return bool(self.posed.sdf(torch.from_numpy(point[None] / self.size).float()) < 0.0)
+        return bool(self.posed.sdf(torch.from_numpy(point[None]).float()) < 0.0)
 
 
 class PosedPalm(PosedAvatar):
@@ -127,9 +120,9 @@ class PosedPalm(PosedAvatar):
             raise Unsupported(f"camera {camera.name!r} is inside the hand; move it away")
         self._raster = rasterise(body.mesh, camera, drawing.supersample)
         if drawing.places == "surface":
-            view = surface_view(body.posed, body.canonical, self._raster, body.size)
+            view = surface_view(body.posed, body.canonical, self._raster)
         else:
-            view = volume_view(body.posed, camera, body.size, drawing.scatter)
+            view = volume_view(body.posed, camera, drawing.scatter)
         self._pixel = view.pixel
         self._alpha = self._image(view.places.total(torch.ones(len(view.places.ray), 1)).clamp_max(1.0))[..., 0]
         self._gatherer = Gatherer(view.places, body.occluder, drawing.gathering)
@@ -156,8 +149,8 @@ class PosedPalm(PosedAvatar):
         return flat.index_copy(0, self._pixel, values).reshape(*size, -1)
 
 
-def _occluder(posed: PosedHand, mesh: PosedMesh, size: float, drawing: Drawing) -> Occluder:
+def _occluder(posed: PosedHand, mesh: PosedMesh, drawing: Drawing) -> Occluder:
     if drawing.visibility == "mesh":
         return MeshOccluder(mesh)
     march = HAND_SCALE if drawing.visibility == "march" else BODY_SCALE
-    return DensityOccluder(lambda points: posed.density(points / size) / size, march)
+    return DensityOccluder(posed.density, march)

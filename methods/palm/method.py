@@ -7,8 +7,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from handbench.hand import hand_model
 from handbench.light.gaussians import SphericalGaussians
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
@@ -55,8 +53,7 @@ class PalmAvatar(Avatar):
     def save(self, folder: Path) -> None:
         """Codes, shape and light; the networks are the prior's, and pictures of the person are not kept."""
         person = self.person
-        state = {"shape": person.shape, "size": torch.tensor(person.size, dtype=torch.float64)}
-        state |= {"phi": person.codes.geometry, "psi": person.codes.appearance}
+        state = {"shape": person.shape, "phi": person.codes.geometry, "psi": person.codes.appearance}
         state |= {name: getattr(person.light, name) for name in _LIGHT}
         save_state(folder, self._name, _kept(self._settings), {name: part.detach() for name, part in state.items()})
 
@@ -93,14 +90,16 @@ class PalmPrior(Prior):
     def restore(self, folder: Path) -> Avatar:
         """The avatar that was kept; its networks are this prior's."""
         prior, hand = self._settings.prior, hand_model()
-        shapes: dict[str, tuple[int | None, ...]] = {"shape": (hand.shape_size,), "size": ()}
-        shapes |= {"phi": (prior.phi,), "psi": (prior.psi,)}
+        shapes: dict[str, tuple[int | None, ...]] = {
+            "shape": (hand.shape_size,),
+            "phi": (prior.phi,),
+            "psi": (prior.psi,),
+        }
         shapes |= {"axes": (None, 3), "sharpness": (None,), "amplitude": (None, 3)}
         state = load_state(folder, self._name, _kept(self._settings), shapes)
         light = SphericalGaussians(*(state[name] for name in _LIGHT))
         codes = Codes(state["phi"], state["psi"])
-        person = Person(self.model, codes, state["shape"], float(state["size"]), light)
-        return PalmAvatar(self._name, self._settings, person, {})
+        return PalmAvatar(self._name, self._settings, Person(self.model, codes, state["shape"], light), {})
 
 
 class Palm(Method):

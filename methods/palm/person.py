@@ -22,26 +22,18 @@ _BEYOND = np.radians(25.0)
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """One person's codes, shape (S,) of the hand model, and the light that their picture was taken in.
-
-    The hand is `size` times as large as the model's, about the wrist: one picture cannot tell size from distance, so
-    shapes are of usual size. Everything below this class is in the model's own size: the world over `size`.
-    """
+    """One person's codes, shape (S,) of the hand model, and the light that their picture was taken in."""
 
     model: PalmModel
     codes: Codes
     shape: Tensor
-    size: float
     light: SphericalGaussians
 
     def posed(self, pose: Pose) -> PosedHand:
-        """The hand in a pose, in the world over `size`. Raises `Unsupported` for what the hand model cannot do."""
+        """The hand in a pose. Raises `Unsupported` for what the hand model cannot do."""
         check_pose(self.model.hand, pose)
-        joints, rotation, translation = (
-            torch.tensor(part, dtype=torch.float32)
-            for part in (pose.joints, pose.rotation, pose.translation / self.size)
-        )
-        return PosedHand(self.model, self.codes, self.shape, joints, rotation, translation)
+        placed = (torch.tensor(part, dtype=torch.float32) for part in (pose.joints, pose.rotation, pose.translation))
+        return PosedHand(self.model, self.codes, self.shape, *placed)
 
 
 def check_pose(hand: HandModel, pose: Pose) -> None:

@@ -140,8 +140,7 @@ class _Fitter:
                 f"the hand of the enrolled picture is {width}x{height} pixels, less than a patch of {fit.patch}; "
                 "give a larger picture"
             )
-        self._size = enrolled.size
-        self._origin = torch.from_numpy(close.camera.centre / enrolled.size).float()
+        self._origin = torch.from_numpy(close.camera.centre.copy()).float()
         self._towards = pixel_rays(close.camera, close.camera.whole)[1]
         self._image, self._alpha = torch.from_numpy(close.image).reshape(-1, 3), torch.from_numpy(close.alpha).flatten()
         self._groups = _groups(close)
@@ -154,7 +153,7 @@ class _Fitter:
         self._shapes = torch.from_numpy(space.shape_basis).float()
         free = torch.zeros(3 * len(enrolled.hand.parents)).index_fill(0, torch.from_numpy(space.free), 1.0)
         self._free = free.reshape(-1, 3)
-        pose = (seen.pose.joints, seen.pose.rotation, seen.pose.translation / enrolled.size)
+        pose = (seen.pose.joints, seen.pose.rotation, seen.pose.translation)
         self._pose = [torch.tensor(part, dtype=torch.float32) for part in pose]
         self._moves = [torch.zeros(self._shapes.shape[1]), *(torch.zeros_like(part) for part in self._pose)]
         for move in self._moves:
@@ -229,7 +228,7 @@ class _Fitter:
     def _found(self) -> Person:
         with torch.no_grad():
             codes = Codes(*(part.detach() for part in self._codes()))
-            return Person(self.model, codes, self._hand()[0].detach(), self._size, self._light.gaussians())
+            return Person(self.model, codes, self._hand()[0].detach(), self._light.gaussians())
 
     def _losses(self, lit: bool) -> dict[str, Tensor]:
         """The weighted losses of a step."""

@@ -33,12 +33,12 @@ class BallPerson(Person):
 
     def posed(self, pose: Pose) -> Ball:
         check_pose(HAND, pose)
-        middle = torch.from_numpy(pose.translation / self.size).float()
+        middle = torch.from_numpy(pose.translation).float()
         return Ball(middle, torch.tensor([0.6, 0.4, 0.3]))
 
 
-def person(size: float = 1.0) -> BallPerson:
-    return BallPerson(SimpleNamespace(hand=HAND), None, torch.zeros(1), size, LIGHT)  # type: ignore[arg-type]
+def person() -> BallPerson:
+    return BallPerson(SimpleNamespace(hand=HAND), None, torch.zeros(1), LIGHT)  # type: ignore[arg-type]
 
 
 def viewpoint(place: tuple[float, float, float] = (0.0, 0.0, 0.0), camera: Camera = CAMERA) -> Viewpoint:
@@ -81,13 +81,11 @@ def test_the_picture_is_the_reflectance_of_the_ball() -> None:
     assert found.image[row, column] == pytest.approx(expected, rel=0.01)
 
 
-def test_size_scales_the_hand_about_the_wrist_and_its_mesh_is_told() -> None:
+def test_the_mesh_of_the_picture_is_told() -> None:
     place = (0.003, -0.005, 0.01)
-    found = PosedPalm.of(person(1.2), viewpoint(place), Drawing()).relight(SUN)
+    found = PosedPalm.of(person(), viewpoint(place), Drawing()).relight(SUN)
     distance = np.linalg.norm(found.mesh.vertices - place, axis=1)
-    assert distance == pytest.approx(np.full(len(distance), 1.2 * RADIUS), rel=1e-5)
-    small = PosedPalm.of(person(1.0), viewpoint(place), Drawing()).relight(SUN)
-    assert found.alpha.sum() / small.alpha.sum() == pytest.approx(1.44, rel=0.06)
+    assert distance == pytest.approx(np.full(len(distance), RADIUS), rel=1e-5)
 
 
 def test_a_known_pose_answers_alike_whatever_it_drew_before() -> None:

@@ -88,12 +88,12 @@ def picture(ball: Ball, light: SphericalGaussians) -> tuple[Tensor, Tensor]:
     return shared(places, light, None, 512, np.random.default_rng(0)), march.alpha
 
 
-def enrolled(size: float = 1.0) -> Enrolled:
+def enrolled() -> Enrolled:
     """The picture of the ball at the wrist, whose place is told 3 mm off."""
     image, alpha = picture(Ball(torch.zeros(3), torch.sigmoid(TRUE)), lamp())
     observation = Observation(image.reshape(40, 40, 3).numpy(), alpha.reshape(40, 40).clamp(0, 1).numpy())
     pose = replace(HAND.named_pose("rest"), translation=np.array([0.003, 0.0, 0.0]))
-    return Enrolled(HAND, np.asarray(HAND.neutral()), size, (Seen("s1/rest", CAMERA, observation, pose),))
+    return Enrolled(HAND, np.asarray(HAND.neutral()), (Seen("s1/rest", CAMERA, observation, pose),))
 
 
 def test_albedo_place_and_light_are_found_together() -> None:
