@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from handbench.errors import Unsupported
 from handbench.hand import hand_model
 from handbench.light.gaussians import SphericalGaussians
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
@@ -76,10 +77,16 @@ class PalmPrior(Prior):
     def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
         """Fits the hand model (`hand.fitting`), then codes, pose and light, to the first picture.
 
-        Raises `Unsupported` with the fit's reason if no hand is found there, and for a hand smaller than a patch.
+        Raises `Unsupported` with the fit's reason if no hand is found there, for a hand smaller than a patch, and for
+        poses of another hand model than the prior's.
         """
-        first = enrolment.frames[0].key
-        hand = enrolled(enrolment.where(lambda frame: frame.key == first), 1)
+        first = {frame.key for frame in enrolment.frames[:1]}
+        hand = enrolled(enrolment.where(lambda frame: frame.key in first), 1)
+        if hand.hand.name != self.model.hand.name:
+            raise Unsupported(
+                f"the poses of the enrolment are of the hand model {hand.hand.name!r}, and the prior was trained with "
+                f"{self.model.hand.name!r}; train it on hands of that model"
+            )
         form = self._settings.drawing.gathering.form
         person = personalised(self.model, hand, self._settings.fit, form, seed, progress)
         return PalmAvatar(self._name, self._settings, person, hand.found)
