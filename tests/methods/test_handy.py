@@ -23,16 +23,18 @@ from handbench.hand import hand_model
 from handbench.hand.openhand import OpenHand
 from handbench.methods import handy
 from handbench.methods.handy import generator as module
+from handbench.methods.handy import pictures
 from handbench.methods.handy.config import PRESETS, HandyConfig
 from handbench.methods.handy.generator import LAYERS, SIZE, Generator, Modulated, built, shipped
 from handbench.methods.handy.inversion import inverted, linearised
 from handbench.methods.handy.lobe import lobe
 from handbench.methods.handy.method import HandyAvatar
 from handbench.methods.handy.pictures import Shot, Sitting, sitting
+from handbench.methods.kit.enrolled import Enrolled, Seen
 from handbench.metrics.networks import features, weights
 from handbench.recording import PARTS, Recording
 from handbench.render.uv.atlas import Atlas
-from handbench.scene import Array, Directional, Frame, Group, Mesh, Topology, Unknown
+from handbench.scene import Array, Directional, Frame, Group, Mesh, Topology, Unknown, needed
 from handbench.scene.colour import linear, srgb
 
 
@@ -315,6 +317,26 @@ def test_in_unknown_light_the_picture_is_the_texture(capture: Any) -> None:
     assert decibels(found, truth.image, truth.alpha > 0.5) > 22.0
     with pytest.raises(Unsupported, match="not told"):
         avatar.pose(frame.viewpoint).relight(Group((Unknown("as enrolled"), Directional([0, 1, 0], [1, 1, 1]))))
+
+
+def test_where_no_mesh_is_given_the_hand_is_fitted_and_posed(
+    capture: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    told = enrolment(capture)
+    posed = [(frame, told.observe(frame)) for frame in told.frames]
+    seen = tuple(Seen(f.pose_key, f.camera, o, needed(f.pose, "pose"), f.light) for f, o in posed)
+    hand = Enrolled(hand_model(), needed(told.frames[0].shape, "shape"), seen)
+    monkeypatch.setattr(pictures, "enrolled", lambda *_, **__: hand)
+    method = handy.create("smoke")
+    prior = method.train(told)
+    avatar = prior.personalise(enrolment(capture, gives=frozenset({"image", "alpha", "camera", "keypoints", "light"})))
+    assert avatar.found.keys() == {frame.pose_key for frame in told.frames}
+    frame = scored(capture, "group")[0]
+    truth, query = capture.observe(frame), replace(frame.query, mesh=None)
+    image = avatar.relight(query).image
+    assert decibels(image, truth.image, truth.alpha > 0.5) > 20.0
+    avatar.save(tmp_path)
+    np.testing.assert_array_equal(prior.restore(tmp_path).relight(query).image, image)
 
 
 def test_without_a_mesh_of_the_open_hand_and_without_key_points_there_is_no_texture(capture: Any) -> None:

@@ -97,13 +97,14 @@ def _saved(name: str, folder: Path) -> Trained:
 def poisoned(name: str, value: float, everywhere: bool) -> Any:
     """The answer with weights that hold `value`, all of each tensor or its first element.
 
-    They are the prior's saved tensors, or the avatar's where a method learns only when it personalises.
+    They are the prior's saved tensors, or the avatar's where a method learns only when it personalises: its networks,
+    or what is kept of it.
     Raises `LookupError` if neither holds any: then this must learn where the method keeps its weights.
     """
     from torch import nn
 
     def poison(tensors: Iterable[Tensor]) -> int:
-        found = [tensor for tensor in tensors if tensor.is_floating_point()]
+        found = [tensor for tensor in tensors if tensor.is_floating_point() and tensor.numel()]
         for tensor in found:
             tensor.detach()[... if everywhere else (0,) * tensor.ndim] = value
         return len(found)
@@ -111,10 +112,16 @@ def poisoned(name: str, value: float, everywhere: bool) -> Any:
     with tempfile.TemporaryDirectory() as place:
         trained = _saved(name, Path(place))
         count = sum(_rewritten(file, poison) for file in Path(place).rglob("*.safetensors"))
-        avatar = trained.method.load(Path(place)).personalise(trained.enrolment, seed=0)
+        prior = trained.method.load(Path(place))
+        avatar = prior.personalise(trained.enrolment, seed=0)
     if not count:
         modules = [part for part in vars(avatar).values() if isinstance(part, nn.Module)]
         count = sum(poison(module.parameters()) for module in modules)
+    if not count:
+        with tempfile.TemporaryDirectory() as place:
+            avatar.save(Path(place))
+            count = sum(_rewritten(file, poison) for file in Path(place).rglob("*.safetensors"))
+            avatar = prior.restore(Path(place))
     if not count:
         raise LookupError("neither the saved prior nor the avatar holds weights")
     return trained.draw(trained.query, avatar)
