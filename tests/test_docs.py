@@ -10,10 +10,12 @@ import shlex
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+import handbench
 from handbench.cli import parser
 from handbench.methods.reflectance import model
 
@@ -32,6 +34,7 @@ def test_the_tutorial_runs(tmp_path, monkeypatch, capsys):
     """Cell by cell in one namespace, as a kernel would: an error is a failure. Phong looks at few frames."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(model.PRESETS, "quick", replace(model.PRESETS["quick"], texture=32, fit_frames=3))
+    monkeypatch.setattr(handbench, "run", partial(handbench.run, subjects=["s02"]), raising=False)  # less to draw
     cells = json.loads((ROOT / "examples" / "tutorial.ipynb").read_text())["cells"]
     found: dict = {}
     for cell in cells:
@@ -39,7 +42,7 @@ def test_the_tutorial_runs(tmp_path, monkeypatch, capsys):
             exec(compile("".join(cell["source"]), cell["id"], "exec"), found)
     out = capsys.readouterr().out
     assert found["results"].mean("psnr", found["columns"][0])["oracle"] == 100.0
-    assert "2 cells computed, 4 taken from the first run" in out
+    assert "1 cells computed, 2 taken from the first run" in out
 
 
 def test_the_reference_has_every_verb_and_every_preset():

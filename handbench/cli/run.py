@@ -75,10 +75,14 @@ def add(verbs: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     from ..bench.run import run
     from ..device import on_device
+    from ..errors import InputError
     from ..shards import Shard
 
     protocol = chosen_protocol(arguments)
     methods, extra = chosen_methods(arguments.methods)
+    if extra and arguments.executor != "local":
+        named = ", ".join(entry.name for entry in extra)
+        raise InputError(f"the file of {named} is not on the nodes of a cluster; install the method there as a package")
     shard = None if arguments.shard is None else Shard.parse(arguments.shard)
     command = ["handbench", *sys.argv[1:]]
     out = arguments.out or Path("runs") / _folder(arguments, protocol.name)

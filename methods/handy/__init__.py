@@ -6,10 +6,12 @@ from typing import get_args
 
 from handbench.errors import unknown_name
 from handbench.method import Method
+from handbench.settings import UNCHANGED, Changes, changed
 
 
-def create(preset: str = "quick", reflectance: str = "ggx") -> Method:
-    """The method at a preset, "quick", "standard", "paper", "seed", "smoke", with a reflectance, "phong" or "ggx".
+def create(preset: str = "quick", reflectance: str = "ggx", changes: Changes = UNCHANGED) -> Method:
+    """The method at a preset, "quick", "standard", "paper", "seed", "smoke", with a reflectance, "phong" or "ggx", and
+    with changed settings.
 
     Raises `InputError` for others.
     """
@@ -20,4 +22,5 @@ def create(preset: str = "quick", reflectance: str = "ggx") -> Method:
         raise unknown_name(f"preset of handy-{reflectance}", preset, PRESETS)
     if reflectance not in get_args(Reflectance):
         raise unknown_name("reflectance", reflectance, get_args(Reflectance))
-    return Handy(reflectance, PRESETS[preset])  # type: ignore[arg-type]
+    config = changed(PRESETS[preset], changes, f"handy-{reflectance}")
+    return Handy(reflectance, config)  # type: ignore[arg-type]

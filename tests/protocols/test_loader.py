@@ -43,6 +43,13 @@ def test_quick_answers_its_four_questions():
     assert quick.subjects == ("s01", "s02", "s03", "s04", "s05", "s06")
 
 
+def test_there_may_be_no_unseen_subject():
+    told = table()
+    told["subjects"] = {"trained": ["s01"], "unseen": []}
+    told["column"] = [column for column in told["column"] if column["subjects"] == "trained"]
+    assert parse(told, "x").unseen == () and parse(told, "x").subjects == ("s01",)
+
+
 @pytest.mark.parametrize(
     ("place", "value", "message"),
     [
