@@ -70,7 +70,7 @@ def presets() -> str:
         if not entry.presets or entry.settings:
             continue
         found: dict[str, dict[str, object]] = {}
-        for preset in ("smoke", "ablation", "quick", "standard", "paper", "released"):
+        for preset in ("smoke", "ablation", "quick", "standard", "paper", "released", "seed"):
             try:
                 found[preset] = dict(names_in(make_method(entry, preset).config))
             except InputError:

@@ -65,9 +65,8 @@ ENTRIES: tuple[Entry, ...] = (
     *(
         Entry(
             f"handy-{name}",
-            "handbench.methods.handy:create",
+            f"handbench.methods.handy:create_{name}",
             f"Handy-style: a texture found in a generator's space on the given or fitted hand, albedo under {title}",
-            (("reflectance", name),),
         )
         for name, title in (("phong", "Phong"), ("ggx", "GGX"))
     ),

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-from typing import get_args
+from typing import TYPE_CHECKING
 
 from handbench.errors import unknown_name
 from handbench.method import Method
 from handbench.settings import UNCHANGED, Changes, changed
 
+if TYPE_CHECKING:
+    from .config import Reflectance
 
-def create(preset: str = "quick", reflectance: str = "ggx", changes: Changes = UNCHANGED) -> Method:
-    """The method at a preset, "quick", "standard", "paper", "seed", "smoke", with a reflectance, "phong" or "ggx", and
-    with changed settings.
 
-    Raises `InputError` for others.
-    """
-    from .config import PRESETS, Reflectance
+def create_phong(preset: str = "quick", changes: Changes = UNCHANGED) -> Method:
+    """`handy-phong` at a preset, "quick", "standard", "paper", "seed" or "smoke", with changed settings; `InputError`
+    for others."""
+    return _create("phong", preset, changes)
+
+
+def create_ggx(preset: str = "quick", changes: Changes = UNCHANGED) -> Method:
+    """`handy-ggx` at one of the same presets, with changed settings; `InputError` for others."""
+    return _create("ggx", preset, changes)
+
+
+def _create(reflectance: Reflectance, preset: str, changes: Changes) -> Method:
+    from .config import PRESETS
     from .method import Handy
 
+    name = f"handy-{reflectance}"
     if preset not in PRESETS:
-        raise unknown_name(f"preset of handy-{reflectance}", preset, PRESETS)
-    if reflectance not in get_args(Reflectance):
-        raise unknown_name("reflectance", reflectance, get_args(Reflectance))
-    config = changed(PRESETS[preset], changes, f"handy-{reflectance}")
-    return Handy(reflectance, config)  # type: ignore[arg-type]
+        raise unknown_name(f"preset of {name}", preset, PRESETS)
+    return Handy(reflectance, changed(PRESETS[preset], changes, name))

@@ -21,7 +21,7 @@ from handbench.hand.known import SHIPPED
 from handbench.method import Avatar, MethodInfo, PosedAvatar, Progress, Recording
 from handbench.recording import Need
 from handbench.render.uv.posed import PosedSurface
-from handbench.scene import LIGHT_KINDS, Camera, Light, Mesh, Pose, Prediction, Unknown, Viewpoint, needed
+from handbench.scene import LIGHT_KINDS, Baked, Camera, Light, Mesh, Pose, Prediction, Unknown, Viewpoint, needed
 
 from ..kit.albedo import Canvas, flat
 from ..kit.enrolled import Enrolled
@@ -90,14 +90,25 @@ class HandyAvatar(Avatar):
         self.albedo, self.exposure, self.hand = albedo, exposure, hand
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
+        return PosedHandy(self, self._mesh(viewpoint), viewpoint.camera)
+
+    def _mesh(self, viewpoint: Viewpoint) -> Mesh:
         if self.hand is None:
-            return PosedHandy(self, needed(viewpoint.mesh, "mesh"), viewpoint.camera)
+            return needed(viewpoint.mesh, "mesh")
         level = min(self.config.level, self.hand.hand.levels)
-        return PosedHandy(self, self.hand.mesh(needed(viewpoint.pose, "pose"), level), viewpoint.camera)
+        return self.hand.mesh(needed(viewpoint.pose, "pose"), level)
 
     @property
     def found(self) -> Mapping[str, Pose]:
         return {} if self.hand is None else self.hand.found
+
+    def baked(self, viewpoint: Viewpoint) -> Baked:
+        """Raises `Unsupported` for Phong's lobe, which such textures cannot hold."""
+        drawn = lobe(self.reflectance, self.config.gloss)
+        if drawn.model != "brdf":
+            return super().baked(viewpoint)
+        albedo = self.albedo.permute(1, 2, 0).numpy()
+        return Baked(self._mesh(viewpoint), albedo, np.full((SIZE, SIZE), drawn.roughness), drawn.strength)
 
     def save(self, folder: Path) -> None:
         """Albedo, exposure and, if it was fitted, the hand; pictures of the person are not kept."""
