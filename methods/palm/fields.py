@@ -89,6 +89,8 @@ class GeometryField(nn.Module):
                 outputs[:, 0].sum(), (features, coordinates), create_graph=graph
             )
         gradient = gradient + (slopes @ by_features[..., None]).squeeze(2) / aspect
+        if not graph:  # what autograd needed in between is no graph of the caller's
+            outputs, gradient = outputs.detach(), gradient.detach()
         return outputs[:, 0], outputs, gradient
 
 

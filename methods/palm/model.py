@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from handbench.hand import HandModel
 from handbench.hand.canonical import WeightField
-from handbench.render.volume import laplace_density
+from handbench.render.volume import Shell, laplace_density
 
 from .config import Config
 from .encoding import Encoding, HashGrid, TriPlane
@@ -19,6 +19,7 @@ from .light import StudioLight
 from .reflectance import Material
 
 _LEAST_BETA = 1e-4
+_LOUD = 5.0  # times louder than at Adam's rate codes speak: each is trained in one step of as many as there are people
 _HASTE = 10.0  # times faster than at Adam's rate the logarithm of beta may change
 
 
@@ -68,6 +69,7 @@ class PalmModel(nn.Module):
         self.psi = nn.Parameter(1e-8 * torch.randn(people, config.psi))
         self.softness = nn.Parameter(torch.tensor(math.log(config.beta) / _HASTE))
         self.light = StudioLight(config.gaussians)
+        self._shell: Shell | None = None
         self.register_buffer("drawn", torch.zeros((), dtype=torch.int64))
 
     def around(self, shape: Tensor) -> WeightField:
@@ -75,6 +77,17 @@ class PalmModel(nn.Module):
         if self.config.canonical == "shared":
             return self.field
         return WeightField.of(self.hand, shape.detach().numpy(), self.config.spacing)
+
+    def rest_shell(self, field: WeightField) -> Shell:
+        """Where the surface may be in canonical space; the shared one is made once."""
+        if field is not self.field:
+            return self._shell_around(field)
+        if self._shell is None:
+            self._shell = self._shell_around(field)
+        return self._shell
+
+    def _shell_around(self, field: WeightField) -> Shell:
+        return Shell.around(field.rest.numpy(), self.hand.topology(field.level).faces, self.config.reach)
 
     def codes(self, person: int) -> Codes:
         """Those of one of the training's people, in the order in which they first appear."""
@@ -88,7 +101,7 @@ class PalmModel(nn.Module):
         if self.shape is not None:
             neutral = torch.as_tensor(self.hand.neutral(), dtype=torch.float32)
             seen.append(self.shape(shape - neutral))
-        return Conditions(torch.cat([*seen, codes.geometry]), torch.cat([*seen, codes.appearance]))
+        return Conditions(torch.cat([*seen, _LOUD * codes.geometry]), torch.cat([*seen, _LOUD * codes.appearance]))
 
     def geometry(self, x: Tensor, conditions: Conditions, gradient: bool = False) -> Geometry:
         """f_g at canonical places (N, 3)."""

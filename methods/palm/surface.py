@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from handbench.errors import NonFinite
@@ -30,22 +29,23 @@ class Surface:
 def extracted(posed: PosedHand, spacing: float) -> Surface:
     """The zero level of f_g in a pose, from nodes `spacing` metres apart that are within reach of the skin at rest.
 
-    Faces turn outwards; sheets of a fold are all there. Raises `NonFinite` where f_g has no surface there.
+    Nodes that are farther are taken to be inside or outside as the skin at rest has them. Faces turn outwards; sheets
+    of a fold are all there. Raises `NonFinite` where f_g has no surface there.
     """
     from skimage.measure import marching_cubes
 
     model, field = posed.model, posed.deformation.field
     reach = model.config.reach
+    shell = model.rest_shell(field)
     lattice = Lattice.around(field.rest.numpy(), reach, spacing)
     nodes = lattice.nodes()
-    distance, _ = cKDTree(field.rest.numpy()).query(nodes.numpy(), distance_upper_bound=reach + spacing)
-    near = torch.from_numpy(np.isfinite(distance))
-    values = torch.full((lattice.size,), reach)
+    values = shell.at(nodes).clamp(-reach, reach)
+    near = values.abs() < reach
     values[near] = model.geometry(nodes[near], posed.conditions).sdf
     nx, ny, nz = lattice.counts
-    grid, mask = (v.view(nz, ny, nx).permute(2, 1, 0).numpy() for v in (values, near))
+    grid = values.view(nz, ny, nx).permute(2, 1, 0).numpy()
     try:
-        found, faces, _, _ = marching_cubes(grid, 0.0, mask=np.ascontiguousarray(mask), gradient_direction="descent")
+        found, faces, _, _ = marching_cubes(grid, 0.0, gradient_direction="descent")
     except (ValueError, RuntimeError) as error:
         raise NonFinite(f"palm: the geometry field has no surface near the hand ({error}); train longer") from error
     canonical = lattice.low + torch.from_numpy(found.copy()).float() * lattice.step

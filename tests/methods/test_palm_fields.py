@@ -77,6 +77,7 @@ def test_the_gradient_of_the_distance_is_that_of_finite_differences(hidden: tupl
         with torch.set_grad_enabled(graph):
             sdf, outputs, gradient = field.with_gradient(x, aspect, code)
         assert torch.allclose(sdf, field(x, aspect, code)[0]) and torch.allclose(outputs[:, 0], sdf)
+        assert [v.requires_grad for v in (sdf, outputs, gradient)] == [graph] * 3
         for axis in range(3):
             shift = step * torch.eye(3, dtype=torch.float64)[axis] / aspect
             wanted = (field(x + shift, aspect, code)[0] - field(x - shift, aspect, code)[0]) / (2 * step)

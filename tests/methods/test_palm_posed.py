@@ -32,7 +32,7 @@ class Known(PalmModel):
         torch.manual_seed(0)
         super().__init__(replace(PRESETS["smoke"], beta=5e-4, **changed), hand_model(), 1)
         mesh = self.hand.mesh(self.hand.neutral(), self.hand.named_pose("rest"), 1)
-        self.shell = Shell.around(mesh.vertices, mesh.topology.faces, 0.02, 2e-3)
+        self.shell = Shell.around(mesh.vertices, mesh.topology.faces, 0.01, 3e-3)
         self.offset = torch.zeros((), requires_grad=True)
 
     def geometry(self, x: Tensor, conditions: Conditions, gradient: bool = False) -> Geometry:
@@ -120,7 +120,7 @@ def test_the_surface_is_the_hand(scene: tuple[PosedHand, Mesh, Camera]) -> None:
     posed, mesh, _ = scene
     found = posed.mesh(3e-3)
     distance, _ = cKDTree(mesh.vertices).query(found.vertices)
-    assert np.median(distance) < 2e-3
+    assert np.median(distance) < 2e-3 and np.quantile(distance, 0.95) < 5e-3  # and no sheet inside
     corners = found.vertices[found.topology.faces]
     volume = np.einsum("ni,ni->n", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
     exact = mesh.vertices[mesh.topology.faces]

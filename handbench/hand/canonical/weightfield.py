@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -57,6 +58,8 @@ class WeightField:
         """
         if not spacing > 0.0:
             raise InputError(f"weight field: the spacing is {spacing}; give metres above 0")
+        if shape is None:
+            return _neutral(hand, spacing, nearest)
         level = min(1, hand.levels)
         known = np.asarray(hand.weights(level))
         if known.ndim != 2 or known.shape[1] != len(hand.joint_names) or not known.any(axis=1).all():
@@ -64,7 +67,7 @@ class WeightField:
                 f"hand model {hand.name!r} has no skinning weights for each of its vertices (weights(level) is "
                 f"{known.shape}); canonicalisation needs them"
             )
-        around = torch.tensor(np.asarray(hand.neutral() if shape is None else shape), dtype=torch.float32)
+        around = torch.tensor(np.asarray(shape), dtype=torch.float32)
         coarse, _ = hand.rest_points(around)
         rest = hand.subdivide(coarse, level)
         lattice = Lattice.around(rest.numpy(), _MARGIN, spacing)
@@ -87,3 +90,9 @@ class WeightField:
         vertices = self.hand.subdivide(self.hand.rest_points(shape)[0].to(self.rest.dtype), self.level)
         moved = vertices - self.rest
         return (moved[self.vertices] * self.share[..., None]).sum(dim=1)
+
+
+@lru_cache(maxsize=4)
+def _neutral(hand: HandModel, spacing: float, nearest: int) -> WeightField:
+    """The field around a hand model's neutral shape; the last few are kept, as hand models are."""
+    return WeightField.of(hand, np.asarray(hand.neutral()), spacing, nearest)
