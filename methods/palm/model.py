@@ -19,7 +19,6 @@ from .light import StudioLight
 from .reflectance import Material
 
 _LEAST_BETA = 1e-4
-_LOUD = 5.0  # times louder than at Adam's rate codes speak: each is trained in one step of as many as there are people
 _HASTE = 10.0  # times faster than at Adam's rate the logarithm of beta may change
 
 
@@ -101,7 +100,7 @@ class PalmModel(nn.Module):
         if self.shape is not None:
             neutral = torch.as_tensor(self.hand.neutral(), dtype=torch.float32)
             seen.append(self.shape(shape - neutral))
-        return Conditions(torch.cat([*seen, _LOUD * codes.geometry]), torch.cat([*seen, _LOUD * codes.appearance]))
+        return Conditions(torch.cat([*seen, codes.geometry]), torch.cat([*seen, codes.appearance]))
 
     def geometry(self, x: Tensor, conditions: Conditions, gradient: bool = False) -> Geometry:
         """f_g at canonical places (N, 3)."""
