@@ -133,9 +133,12 @@ def solved(recording: Recording, config: TransferConfig, progress: Progress = si
     normal, right = np.zeros((atlas.count, 3, size, size)), np.zeros((atlas.count, 3, size))
     seen_light = np.zeros(())
     for weight, light, colour in _pictures(recording, atlas, config, progress):
-        each = np.moveaxis(light, -1, 1)  # (N, 3, K)
-        normal += weight[:, None, None, None] * each[..., :, None] * each[..., None, :]
-        right += weight[:, None, None] * each * colour.T[..., None]
+        on = np.flatnonzero(weight)  # half of the hand and more is turned away
+        each, weight = np.moveaxis(light[on], -1, 1), weight[on]  # (n, 3, K)
+        white = bool((each == each[:, :1]).all())  # what light of one colour takes of the work is the same in each
+        lit = each[:, :1] if white else each
+        normal[on] += weight[:, None, None, None] * lit[..., :, None] * lit[..., None, :]
+        right[on] += weight[:, None, None] * each * colour.T[on, :, None]
         seen_light = seen_light + (weight[:, None, None] * each**2).sum(axis=(0, 1)) / max(weight.sum(), 1e-12)
     matt = _matt(normal, right, config.degree)
     power = float(seen_light.mean()) / len(frames)
