@@ -163,6 +163,8 @@ def _array(value: Any) -> tuple[int, int] | None:
             base = base.base
         return id(base), int(base.nbytes)
     storage = getattr(value, "untyped_storage", None)
+    if getattr(value, "is_sparse", False):  # as the subdivision of a hand model that an avatar holds; it has no storage
+        return id(value), int(value._indices().nbytes + value._values().nbytes)
     if callable(storage):
         held = storage()
         return held.data_ptr(), int(held.nbytes())

@@ -79,3 +79,9 @@ def test_arrays_are_counted_once_wherever_they_are() -> None:
 
     assert held_bytes(Held()) == 400 + 200 + 4 * (20 + 5)
     assert held_bytes(None) == 0
+
+
+def test_sparse_tensors_count_their_indices_and_values() -> None:
+    torch = pytest.importorskip("torch")
+    sparse = torch.sparse_coo_tensor(torch.tensor([[0, 1, 1], [2, 0, 2]]), torch.ones(3), (2, 3))
+    assert held_bytes({"matrix": sparse}) == 3 * (2 * 8 + 4)
