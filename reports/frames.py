@@ -93,8 +93,12 @@ class View:
 
     def __call__(self, image: Array) -> Array:
         """What is shown of a linear picture: (height, width, 3) in sRGB, in [0, 1]."""
+        return srgb(self.linear(image))
+
+    def linear(self, image: Array) -> Array:
+        """A linear picture cut and exposed: (height, width, 3), 1 is white and there may be more."""
         shown = np.zeros((self.height, self.width, 3), image.dtype)
         top, left = max(self.top, 0), max(self.left, 0)
         inside = image[top : self.top + self.height, left : self.left + self.width]
         shown[top - self.top :, left - self.left :][: inside.shape[0], : inside.shape[1]] = inside
-        return srgb(shown * self.exposure)
+        return shown * self.exposure

@@ -37,6 +37,7 @@ from .model import (
 from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments, shown, told
 from .pictures import colour_stops, error_uri, image_uri, png_uri
 from .run import Run, machine
+from .scores import scores
 from .speed import speed_section
 from .stress import stress_section
 from .template import environment
@@ -100,6 +101,7 @@ def render_page(table: Table, run: Run, also: Shown) -> str:
         losses=also.losses,
         plots=also.plots,
         viewer=also.viewer,
+        scores=scores(run, table),
         studies={name: section for name, section in studies.items() if section},
         linear_limit=LINEAR,
         light_titles=LIGHT_TITLES,
@@ -135,6 +137,7 @@ def _contents(table: Table, shown: Shown, studies: Mapping[str, str | None]) -> 
         ("results", "Results", True),
         ("agreement", "Order", table.agreements),
         ("methods", "Cost", True),
+        ("breakdown", "Breakdown", True),
         ("pareto", "Score against time", shown.plots),
         ("viewer", "Compare", shown.viewer),
         ("figures", "Images", True),

@@ -19,6 +19,7 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 from handbench.scene import Array
+from handbench.scene.colour import srgb
 
 from .figures import ERROR_SCALE, Panel, Tile, detail
 from .frames import KINDS
@@ -27,6 +28,7 @@ from .model import Metric, letter, number
 COLOURS = colormaps["inferno"]
 EMBEDDED = 256  # pixels, the greatest side of an embedded picture
 DPI = 160
+KNEE, STOPS = 0.8, 4.0  # of `beyond_white`
 STYLE: Any = {"font.size": 7.5, "font.family": "DejaVu Sans", "pdf.fonttype": 42}
 MARKED = "#39d0ff"  # the frame of a detail: no colour of a hand or of the error map
 _TILE, _GAP, _LINE, _FOOT = 1.3, 0.05, 0.17, 0.55  # inches: a tile, between tiles, a line of text, the colour bar
@@ -43,6 +45,16 @@ def webp(image: Array, side: int = EMBEDDED) -> str:
     out = io.BytesIO()
     picture.save(out, "WEBP", quality=98, method=0)  # slower methods save 5 % of the bytes
     return base64.b64encode(out.getvalue()).decode()
+
+
+def beyond_white(linear: Array) -> Array:
+    """An exposed linear picture in [0, 1] with room above white, for a viewer that can change the exposure.
+
+    The sRGB curve up to `KNEE`, for white, then `STOPS` more in equal steps of the logarithm; what is brighter is cut.
+    """
+    linear = np.maximum(linear, 0.0)
+    bright = KNEE + (1 - KNEE) * np.log2(np.maximum(linear, 1.0)) / STOPS
+    return np.asarray(np.where(linear <= 1.0, KNEE * srgb(linear), np.minimum(bright, 1.0)))
 
 
 def image_uri(image: Array) -> str:

@@ -9,17 +9,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from handbench.bench.scoring import SHOWN
+from handbench.bench.store import Store
 from handbench.scene import Array
 
 from .figures import ERROR_SCALE
 from .frames import KINDS, Answer, View, answers
 from .model import Table, number
-from .pictures import palette, webp
+from .pictures import KNEE, STOPS, beyond_white, palette, webp
 from .run import Run
 from .truth import truth_of
 
@@ -56,12 +58,15 @@ def viewer(run: Run, table: Table) -> Viewer | None:
         return None
     chosen = _spread(columns, per_column(first[0].shape[:2], 1 + len(methods), len(columns)))
 
+    oracle = next((method.name for method in run.plan.methods if method.truth), "")
+
     def frame(query: str) -> dict[str, Any] | None:
         pair = truth(query)
         of_query = [given[method.name].get(query) for method in methods]
+        names = [name for name, queries in columns.items() if query in queries]
         if pair is None and not any(answer is not None and answer.frame.reason == SHOWN for answer in of_query):
             return None
-        return _frame(run, query, pair, of_query, [name for name, queries in columns.items() if query in queries])
+        return _frame(run, query, pair, of_query, names, _file(given[oracle].get(query), query))
 
     with ThreadPoolExecutor() as pool:  # pictures are decoded and coded outside of Python
         drawn = pool.map(frame, (query for query in scored if query in chosen))
@@ -76,6 +81,9 @@ def viewer(run: Run, table: Table) -> Viewer | None:
         "columns": {column.name: column.title for column in run.plan.protocol.columns},
         "kinds": KINDS,
         "scale": ERROR_SCALE,
+        "knee": KNEE,
+        "stops": STOPS,
+        "names": ["truth", *(method.name for method in methods)],
         "colours": palette().tobytes().hex(),
         "frames": frames,
     }
@@ -100,9 +108,17 @@ def _spread(columns: Mapping[str, Mapping[str, None]], limit: int) -> set[str]:
 
 
 def _frame(
-    run: Run, query: str, truth: tuple[Array, Array] | None, given: Sequence[Answer | None], columns: list[str]
+    run: Run,
+    query: str,
+    truth: tuple[Array, Array] | None,
+    given: Sequence[Answer | None],
+    columns: list[str],
+    file: str,
 ) -> dict[str, Any] | None:
-    """A frame's pictures; without a truth, under a map of the user's, they are cut and exposed as the first one is."""
+    """A frame's pictures; without a truth, under a map of the user's, they are cut and exposed as the first one is.
+
+    `file` is where the truth's half floats are.
+    """
     subject, pose, camera, light = query.split("/", 3)
     drawn = [answer.picture(run, query) if answer else (None, "not computed") for answer in given]
     shown = truth or next(((image, image.max(axis=-1) > 0) for image, _ in drawn if image is not None), None)
@@ -117,7 +133,11 @@ def _frame(
         "kind": next((answer.kind for answer in given if answer), ""),
         "columns": columns,
         "exposure": f"{view.exposure:.2g}",
-        "pictures": [None if truth is None else webp(view(truth[0]), SIDE), *_pictures(view, drawn)],
+        "pictures": [
+            None if truth is None else webp(beyond_white(view.linear(truth[0])), SIDE),
+            *_pictures(view, drawn),
+        ],
+        "files": [file, *(_file(answer, query) for answer in given)],
         "reasons": [SHOWN if truth is None else "", *(reason for _, reason in drawn)],
         "scores": [None, *(_scores(run, answer) for answer in given)],
     }
@@ -125,7 +145,14 @@ def _frame(
 
 def _pictures(view: View, drawn: Sequence[tuple[Array | None, str]]) -> Iterator[str | None]:
     for picture, _ in drawn:
-        yield None if picture is None else webp(view(picture), SIDE)
+        yield None if picture is None else webp(beyond_white(view.linear(picture)), SIDE)
+
+
+def _file(answer: Answer | None, query: str) -> str:
+    """Where the run folder keeps the half floats of a picture, "" if nowhere."""
+    if answer is None or query not in answer.cell.predictions:
+        return ""
+    return Store(Path()).picture(answer.cell.key, query).as_posix()
 
 
 def _scores(run: Run, answer: Answer | None) -> list[str]:

@@ -1,4 +1,5 @@
 // Choose a frame and two methods; draw both, their scores and, if wanted, where they are wrong.
+let viewerShow = null; // (query, title, title beside it or null for the truth): shows a frame, if the page has it
 const root = document.querySelector(".viewer");
 if (root) {
   const data = JSON.parse(document.getElementById("viewer-data").textContent);
@@ -11,8 +12,10 @@ if (root) {
     get(".split").setAttribute("aria-valuetext", `${share} % ${title("left")}, ${100 - share} % ${title("right")}`);
     get(".zoom").value = `${Number(zoom.toFixed(1))}×`;
   });
-  let frame = data.frames[0];
+  const query = (each) => KEYS.map((key) => each[key]).join("/");
+  let frame = data.frames.find((each) => query(each) === state.get("frame")) ?? data.frames[0];
   let latest = 0;
+  let decoded = new Map(); // of the frame that is shown: index to pixels
 
   function title(side) {
     return data.titles[form[side].value];
@@ -50,24 +53,43 @@ if (root) {
     go(agreeing.reduce((best, each) => (agreement(each) > agreement(best) ? each : best)));
   }
   function go(to) {
+    if (to !== frame) decoded = new Map();
     frame = to;
     fill();
     draw();
+  }
+  // What a byte of a picture shows at the chosen exposure: the sRGB curve up to the knee, then stops above white.
+  function tones() {
+    const gain = 2 ** Number(get(".exposing").value);
+    return Uint8ClampedArray.from({ length: 256 }, (_, byte) => {
+      const v = byte / 255;
+      const s = v / data.knee;
+      const linear = v > data.knee ? 2 ** (((v - data.knee) / (1 - data.knee)) * data.stops) : s <= 0.04045 ? s / 12.92 : ((s + 0.055) / 1.055) ** 2.4;
+      const shown = Math.min(1, gain * linear);
+      return 255 * (shown <= 0.0031308 ? 12.92 * shown : 1.055 * shown ** (1 / 2.4) - 0.055);
+    });
   }
   function step(by) {
     const frames = pool();
     go(frames[(frames.indexOf(frame) + by + frames.length) % frames.length]);
   }
 
-  async function pixels(index) {
-    if (!frame.pictures[index]) return null;
+  async function decode(picture) {
     const image = new Image();
-    image.src = `data:image/webp;base64,${frame.pictures[index]}`;
+    image.src = `data:image/webp;base64,${picture}`;
     await image.decode();
     const canvas = Object.assign(document.createElement("canvas"), { width: image.naturalWidth, height: image.naturalHeight });
     const context = canvas.getContext("2d", { willReadFrequently: true });
     context.drawImage(image, 0, 0);
     return context.getImageData(0, 0, canvas.width, canvas.height);
+  }
+  async function pixels(index) {
+    if (!frame.pictures[index]) return null;
+    if (!decoded.has(index)) decoded.set(index, decode(frame.pictures[index]));
+    const stored = await decoded.get(index);
+    const [shown, tone] = [new ImageData(stored.width, stored.height), tones()];
+    for (let i = 0; i < stored.data.length; i++) shown.data[i] = i % 4 === 3 ? 255 : tone[stored.data[i]];
+    return shown;
   }
   function error(picture, truth) {
     const found = new ImageData(picture.width, picture.height);
@@ -109,16 +131,71 @@ if (root) {
       });
     }
     stage.show();
-    get(".exposure").textContent = `${frame.columns.map((name) => data.columns[name]).join(", ")}. Exposure ×${frame.exposure}.`;
+    for (const side of ["left", "right"]) {
+      const link = get(`.save.${side}`);
+      link.href = get(`.side.${side} canvas`).toDataURL("image/png");
+      link.download = `${query(frame).replaceAll("/", "__")}--${data.names[chosen[side]]}${get(".error").checked && chosen[side] ? "-error" : ""}.png`;
+    }
+    const stops = Number(get(".exposing").value);
+    get(".ev").value = (stops > 0 ? "+" : "") + String(stops).replace("-", "−");
+    const files = [chosen.left, chosen.right].map((index) => frame.files[index]).filter(Boolean);
+    get(".exposure").textContent = `${frame.columns.map((name) => data.columns[name]).join(", ")}. Exposure ×${frame.exposure}.` +
+      (files.length ? ` Half floats in the run folder: ${[...new Set(files)].join(", ")}` : "");
+    if (get(".all").open) await drawAll(turn);
+    state.set({
+      frame: frame === data.frames[0] ? "" : query(frame),
+      left: form.left.value === "0" ? "" : data.names[form.left.value],
+      right: Number(form.right.value) === data.best ? "" : data.names[form.right.value],
+      error: get(".error").checked ? "1" : "",
+      stops: stops ? String(stops) : "",
+    });
     get(".legend").hidden = !get(".error").checked;
     get(".said").textContent = `Left: ${words(chosen.left)}; right: ${words(chosen.right)}.`;
     get(".stage").setAttribute("aria-busy", "false");
   }
 
+  // Every method of the frame side by side, as large as there is room; a picture that is chosen goes to the right side.
+  async function drawAll(turn) {
+    const pictures = await Promise.all(data.titles.map((_, index) => pixels(index)));
+    if (turn !== latest) return;
+    get(".tiles").replaceChildren(...data.titles.map((name, index) => {
+      const tile = document.createElement("button");
+      tile.type = "button";
+      const picture = pictures[index];
+      if (picture) {
+        const canvas = Object.assign(document.createElement("canvas"), { width: picture.width, height: picture.height });
+        const wrong = get(".error").checked && index > 0 && pictures[0];
+        canvas.getContext("2d").putImageData(wrong ? error(picture, pictures[0]) : picture, 0, 0);
+        tile.append(canvas);
+      }
+      const score = frame.scores[index] ? `${frame.scores[index][0]} ${data.metrics[0].unit}` : "";
+      const told = document.createElement("span");
+      told.textContent = picture ? `${name} ${score}`.trimEnd() : `${name}: no picture, ${frame.reasons[index]}`;
+      tile.append(told);
+      tile.addEventListener("click", () => { form.right.value = index; draw(); });
+      return tile;
+    }));
+  }
+
   form.column.append(option("", "All"), ...Object.entries(data.columns).map(([name, title]) => option(name, title)));
   for (const side of ["left", "right"]) form[side].append(...data.titles.map((title, index) => option(index, title)));
-  form.left.value = 0;
-  form.right.value = data.best;
+  const named = (side, otherwise) => (data.names.includes(state.get(side)) ? data.names.indexOf(state.get(side)) : otherwise);
+  form.left.value = named("left", 0);
+  form.right.value = named("right", data.best);
+  get(".error").checked = state.get("error") === "1";
+  get(".exposing").value = state.get("stops") ?? 0;
+  viewerShow = (wanted, mine, beside) => {
+    const found = data.frames.find((each) => query(each) === wanted);
+    if (!found) { said.textContent = `${wanted} is not among the frames of the viewer.`; return; }
+    form.column.value = "";
+    const index = (name) => Math.max(0, data.titles.indexOf(name));
+    [form.left.value, form.right.value] = [beside === null ? 0 : index(beside), index(mine)];
+    go(found);
+    document.getElementById("viewer").scrollIntoView({ block: "start" });
+    get(".stage").focus({ preventScroll: true });
+  };
+  get(".exposing").addEventListener("input", draw);
+  get(".all").addEventListener("toggle", draw);
   for (const key of KEYS) form[key].addEventListener("change", () => choose(key, form[key].value));
   form.column.addEventListener("change", () => go(pool().includes(frame) ? frame : pool()[0]));
   for (const choice of [form.left, form.right, get(".error")]) choice.addEventListener("change", draw);

@@ -9,10 +9,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from handbench.reports.run import Run, read_run
 from handbench.results.recordfile import sealed
+from handbench.scene.colour import linear
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="the Python package playwright is not installed")
 
@@ -342,6 +344,85 @@ def test_the_overview_shows_one_metric_which_a_link_keeps(opened: Opened) -> Non
     assert page.locator('.picker [aria-pressed="true"]').get_attribute("data-metric") == "ssim"
     page.click('.picker [data-metric="psnr"]')
     assert page.evaluate("location.hash") in ("", "#")
+
+
+def test_means_by_subject_and_by_light_are_those_of_the_scores(opened: Opened, run: Path) -> None:
+    page = opened.page
+    page.select_option('.breakdown [name="column"]', "unseen-light")
+    found = [f.values[0] for c in read_run(run).of_method("urhand") for f in c.scores if f.column == "unseen-light"]
+    cells = "all => all.map(one => [...one.cells].map(cell => cell.textContent))"
+    by_subject = page.eval_on_selector_all(".means tbody tr", cells)
+    assert [line[:2] for line in by_subject] == [["s01", "8"], ["s02", "8"], ["s03", "8"]]
+    heads = page.eval_on_selector_all(".means thead th", "all => all.map(one => one.textContent)")
+    mean = sum(float(line[heads.index("URHand")]) for line in by_subject) / 3
+    assert mean == pytest.approx(sum(found) / len(found), abs=0.01)
+    page.select_option('.breakdown [name="by"]', "light")
+    assert [line[0] for line in page.eval_on_selector_all(".means tbody tr", cells)] == ["olat-03", "olat-07"]
+    assert "by=light" in page.evaluate("location.hash") and "within=unseen-light" in page.evaluate("location.hash")
+
+
+def test_frames_are_sorted_by_score_and_by_difference_and_lead_to_the_viewer(opened: Opened) -> None:
+    page = opened.page
+    numbers = "all => all.map(one => Number(one.cells[{}].textContent.replace('−', '-')))"
+    worst = page.eval_on_selector_all(".frames tbody tr", numbers.format(1))
+    assert worst == sorted(worst) and len(worst) == 12, "the worst of the best method first"
+    page.select_option('.breakdown [name="beside"]', label="Mean")
+    page.select_option('.breakdown [name="order"]', "loss")
+    apart = page.eval_on_selector_all(".frames tbody tr", numbers.format(3))
+    assert apart == sorted(apart)
+    page.click("button.every")
+    assert page.locator(".frames tbody tr").count() == 72
+    query = page.inner_text(".frames tbody button >> nth=0")
+    page.click(".frames tbody button >> nth=0")
+    opened.drawn()
+    parts = [page.input_value(f'.viewer [name="{name}"]') for name in ("subject", "pose", "camera", "light")]
+    assert "/".join(parts) == query
+    assert page.inner_text(".tag.left") == "Mean" and page.inner_text(".tag.right") == "URHand"
+
+
+def test_a_link_keeps_frame_methods_error_and_exposure(opened: Opened) -> None:
+    page = opened.page
+    opened.choose("left", "4")
+    page.check(".viewer .error")
+    page.fill(".exposing", "-2")
+    opened.drawn()
+    before = page.inner_text(".place"), page.evaluate(PIXELS)
+    kept = page.evaluate("location.hash")
+    assert "left=urhand" in kept and "error=1" in kept and "stops=-2" in kept
+    page.reload()
+    opened.drawn()
+    page.wait_for_function(f"location.hash === {json.dumps(kept)}")
+    assert (page.inner_text(".place"), page.evaluate(PIXELS)) == before
+
+
+PIXELS = """() => [...document.querySelector(".side.left canvas").getContext("2d").getImageData(20, 40, 9, 1).data]"""
+
+
+def test_the_slider_changes_the_exposure_of_the_linear_picture(opened: Opened) -> None:
+    """One stop less is half of the light, not half of the sRGB value."""
+    page = opened.page
+    once = np.array(page.evaluate(PIXELS), dtype=float).reshape(-1, 4)[:, :3] / 255
+    page.fill(".exposing", "-1")
+    page.wait_for_function("document.querySelector('.ev').value === '−1'")
+    opened.drawn()
+    half = np.array(page.evaluate(PIXELS), dtype=float).reshape(-1, 4)[:, :3] / 255
+    shown = once > 0.2
+    assert shown.any()
+    assert linear(half[shown]) == pytest.approx(linear(once[shown]) / 2, abs=0.02)
+
+
+def test_all_methods_are_side_by_side_and_a_frame_can_be_saved(opened: Opened) -> None:
+    page = opened.page
+    page.click(".all summary")
+    page.wait_for_selector(".tiles canvas")
+    told = page.eval_on_selector_all(".tiles button", "all => all.map(one => one.textContent)")
+    assert len(told) == 5 and told[0] == "Truth" and told[4].startswith("URHand ") and "no picture" in told[3]
+    page.click(".tiles button >> nth=1")
+    opened.drawn()
+    assert page.inner_text(".tag.right") == "Mean"
+    with page.expect_download() as download:
+        page.click(".save.right")
+    assert re.fullmatch(r"s01__.*--mean\.png", download.value.suggested_filename)
 
 
 WIDE = """() => [...document.querySelectorAll(".scroll")].filter(one => one.scrollWidth > one.clientWidth + 2)

@@ -16,9 +16,11 @@ from PIL import Image
 from handbench.reports import table
 from handbench.reports import viewer as viewer_module
 from handbench.reports.frames import View, answers
+from handbench.reports.pictures import KNEE, STOPS, beyond_white
 from handbench.reports.run import read_run
 from handbench.reports.truth import truth_of
 from handbench.reports.viewer import Viewer, viewer
+from handbench.scene.colour import srgb
 
 
 def _viewer(folder: Path) -> Viewer:
@@ -58,9 +60,22 @@ def test_pictures_are_the_truth_and_the_answers_cut_and_exposed_alike(whole_run:
         (frame["pictures"][0], truth(query)[0]),
         (frame["pictures"][4], given["urhand"][query].picture(run, query)[0]),
     ):
-        expected = view(linear)
+        expected = view.linear(linear)
         assert _pixels(picture).shape == expected.shape
-        assert np.abs(_pixels(picture) - expected).mean() < 0.01
+        assert np.abs(_pixels(picture) - beyond_white(expected)).mean() < 0.01
+    assert frame["files"][4].endswith(f"{query.replace('/', '__')}.exr") and (whole_run / frame["files"][4]).is_file()
+    assert (whole_run / frame["files"][0]).is_file() and frame["files"][0] != frame["files"][4]
+
+
+def test_pictures_have_four_stops_above_white() -> None:
+    """Encoding and back: half floats above white come back within a step of eight bits, and what is darker too."""
+    linear = np.array([0.0, 0.001, 0.2, 0.999, 1.0, 1.5, 4.0, 15.9, 40.0, -1.0])
+    stored = np.round(255 * beyond_white(linear)) / 255
+    shown = np.where(stored <= KNEE, 0.0, 2.0 ** ((stored - KNEE) / (1 - KNEE) * STOPS))
+    above = linear > 1.1
+    assert shown[above] == pytest.approx(np.minimum(linear[above], 16.0), rel=0.03)
+    assert stored[~above] == pytest.approx(KNEE * srgb(np.clip(linear[~above], 0, 1)), abs=1 / 255)
+    assert (np.diff(beyond_white(np.linspace(0, 17, 500))) >= 0).all()
 
 
 def test_scores_are_those_of_the_cells_and_a_gap_says_why(whole_run: Path, shown: Viewer) -> None:
