@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from handbench.results.laws import LINEAR
+from handbench.studies.auditrecord import audit_told
 
 from .aggregate import RESAMPLES
 from .agreement import headline, sentence
@@ -90,6 +91,7 @@ def render_page(table: Table, run: Run, also: Shown) -> str:
         table=table,
         plan=run.plan,
         verdict=answer(table),
+        audits=[_audit(part, several=bool(run.parts)) for part in run.parts or (run,)],
         scope=" ".join(_scope(table)),
         checks=_checks(table, run),
         contents=_contents(table, also, studies),
@@ -129,6 +131,11 @@ def _scope(table: Table) -> Iterator[str]:
             "A method named after a paper is a reimplementation of what the paper describes, not the authors' code or "
             "checkpoint, so these numbers say nothing about published ones."
         )
+
+
+def _audit(run: Run, several: bool) -> str:
+    """What the audit of a run found; of several runs with the folder's name."""
+    return f"{run.folder.resolve().name}: {audit_told(run)}" if several else audit_told(run)
 
 
 def _contents(table: Table, shown: Shown, studies: Mapping[str, str | None]) -> list[tuple[str, str]]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .process import Stops
 
 _MODULES = (
-    *("run", "report", "gate", "catalogue", "data", "hand", "studies", "score", "audit", "metrics"),
+    *("run", "report", "gate", "board", "catalogue", "data", "hand", "studies", "score", "audit", "metrics"),
     *("personalise", "relight", "view", "export", "cache", "completion"),
 )
 _START = """\

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..studies import SUMMARIES
-from ..terminal import say
+from ..terminal import complain, say
 from .shared import data_option, examples, json_option, tell
 
 
@@ -22,8 +22,11 @@ def add(verbs: Any) -> None:
 
 
 def _audit(arguments: argparse.Namespace) -> int:
+    from ..errors import StorageError
     from ..registry import STUDIES
     from ..reports import table
+    from ..results.reading import read_run
+    from ..studies.auditrecord import Found, keep_audit
 
     words = {True: "holds", False: "BROKEN", None: "n/a"}
     verdicts = []
@@ -34,4 +37,8 @@ def _audit(arguments: argparse.Namespace) -> int:
     if arguments.json:
         told = [{"check": v.law, "verdict": words[v.holds], "detail": v.detail} for v in verdicts]
         tell(told)
+    try:
+        keep_audit(read_run(arguments.run), [Found(v.law, v.holds, v.detail) for v in verdicts])
+    except StorageError as error:  # a stranger's folder may be one that is only read
+        complain(f"handbench: {error}; reports will not tell of this audit")
     return 1 if any(verdict.holds is False for verdict in verdicts) else 0

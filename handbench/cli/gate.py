@@ -39,6 +39,9 @@ def add(verbs: Any) -> None:
         help="how much worse a metric may be: a share of the baseline's value, or amounts for single metrics (1%%)",
     )
     gate.add_argument("--time", metavar="25%", help="how much longer a frame may take, or off (default: 25%%)")
+    gate.add_argument(
+        "--memory", metavar="25%", default="off", help="how much more memory drawing may take, or off (default: off)"
+    )
     gate.add_argument("--methods", type=names, metavar="A,B", help="instead of all measured methods of the baseline")
     json_option(gate)
     examples(
@@ -57,12 +60,13 @@ def _gate(arguments: argparse.Namespace) -> int:
     share, amounts = arguments.quality
     candidate, baseline = read_run(arguments.candidate), read_run(arguments.baseline)
     time, asked = _time(arguments.time)
-    outcome = gate(candidate, baseline, Quality(share, amounts), time, asked, arguments.methods)
+    memory = None if arguments.memory == "off" else _share(arguments.memory, "memory")
+    outcome = gate(candidate, baseline, Quality(share, amounts), time, asked, arguments.methods, memory)
     if arguments.json:
         say(_json(outcome))
     else:
         for place, checks in groupby(outcome.checks, key=lambda check: check.column):
-            show(_table(place or "Time of a frame", checks))
+            show(_table(place or "Times of a frame, and memory", checks))
         for remark in outcome.remarks:
             say(remark)
         (complain if outcome.verdict else say)(f"handbench: {outcome.sentence}")
@@ -89,12 +93,12 @@ def _time(text: str | None) -> tuple[float | None, bool]:
     return (0.25, False) if text is None else (_share(text), True)
 
 
-def _share(text: str) -> float:
+def _share(text: str, what: str = "time") -> float:
     from ..errors import InputError
 
     found = _percent(text.strip())
     if found is None:
-        raise InputError(f"time {text!r} is no threshold; give a share such as 25%, or off")
+        raise InputError(f"{what} {text!r} is no threshold; give a share such as 25%, or off")
     return found
 
 
@@ -125,7 +129,7 @@ def _numbers(check: Check) -> tuple[str, ...]:
     """Values, how much worse and, if that is not noise alone, its interval on a second line."""
 
     def worse(value: float) -> str:
-        return f"{100 * value:+.1f} %" if check.kind == "time" else f"{value:+.4g}"
+        return f"{100 * value:+.1f} %" if check.kind != "quality" else f"{value:+.4g}"
 
     told = worse(check.worse)
     if check.verdict != "same" and check.low is not None and check.high is not None:

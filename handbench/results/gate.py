@@ -54,9 +54,9 @@ class Quality:
 @dataclass(frozen=True)
 class Check:
     """One comparison. `worse` is how far the candidate is on the wrong side, with its interval, in the unit of
-    `allowed`; for times the factor minus one. verdict: "regression"; "cannot tell" (it may be beyond what is allowed,
-    and may be noise); "worse" (beyond noise but allowed), "same" or "better". unequal: enrolment gave the candidate
-    something else than the baseline."""
+    `allowed`; for times and memory the factor minus one. verdict: "regression"; "cannot tell" (it may be beyond what
+    is allowed, and may be noise); "worse" (beyond noise but allowed), "same" or "better". unequal: enrolment gave the
+    candidate something else than the baseline."""
 
     method: str
     column: str
@@ -120,12 +120,14 @@ def gate(
     time: float | None,
     time_asked: bool = False,
     methods: Sequence[str] | None = None,
+    memory: float | None = None,
 ) -> Outcome:
     """Compare a candidate run with a baseline.
 
     quality     how much worse a metric may be
     time        how much longer a frame may take, as a share; None compares no times
     time_asked  other devices make the runs not comparable; otherwise times are then left out, with a remark
+    memory      how much more memory drawing may take, as a share, on the same device; None compares none
     methods     to compare; None: all measured methods of the baseline (no calibration rows)
 
     Raises `InputError` for a method that the baseline does not have and an amount for a metric that it does not have.
@@ -151,6 +153,10 @@ def gate(
             remarks.append(f"Times are not compared, the devices differ: {why}.")
         else:
             checks += _times(new, old, chosen, time)
+    if memory is not None:
+        if why := _other_device(new, old, chosen):
+            return Outcome(Verdict.NOT_COMPARABLE, reasons=(f"memory of different devices: {why}",))
+        checks += _memory(new, old, chosen, memory)
     unequal = {name for name in chosen if new.run.plan.method(name).enrolled_unlike(old.run.plan.method(name))}
     checks = [replace(check, unequal=check.method in unequal) for check in checks]
     found = {check.verdict for check in checks}
@@ -248,6 +254,24 @@ def _times(new: _Side, old: _Side, methods: Sequence[str], allowed: float) -> It
                 verdict = _verdict(ratio - 1, low, high, allowed)
                 before, after = (median(spread.median for spread in side) for side in (theirs, ours))
                 yield Check(method, "", title, before, after, ratio - 1, low, high, allowed, verdict, "time")
+
+
+def _memory(new: _Side, old: _Side, methods: Sequence[str], allowed: float) -> Iterator[Check]:
+    """The greatest resident memory while drawing; cells are its repeats."""
+    for method in methods:
+        earlier = old.of(method)
+        found = [
+            (cell.cost.peak_mb, earlier[place].cost.peak_mb)
+            for place, cell in new.of(method).items()
+            if place in earlier
+        ]
+        pairs = [(after, before) for after, before in found if after and before]
+        if pairs:
+            ours, theirs = zip(*pairs, strict=True)
+            ratio, low, high = time_ratio([[each] for each in ours], [[each] for each in theirs], _SEED)
+            low, high = (None if bound is None else bound - 1 for bound in (low, high))
+            told = (method, "", "greatest memory, MiB", median(theirs), median(ours), ratio - 1, low, high, allowed)
+            yield Check(*told, _verdict(ratio - 1, low, high, allowed), "memory")
 
 
 def _repeats(spreads: Sequence[Spread]) -> list[list[float]]:

@@ -1,5 +1,4 @@
 // Choose a frame and two methods; draw both, their scores and, if wanted, where they are wrong.
-let viewerShow = null; // (query, title, title beside it or null for the truth): shows a frame, if the page has it
 const root = document.querySelector(".viewer");
 if (root) {
   const data = JSON.parse(document.getElementById("viewer-data").textContent);

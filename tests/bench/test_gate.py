@@ -16,6 +16,7 @@ from handbench.cli import main
 from handbench.errors import InputError
 from handbench.results.gate import Check, Outcome, Quality, Verdict, gate
 from handbench.results.reading import Run, read_run
+from handbench.results.record import Cost
 
 sys.path.append(str(Path(__file__).parent / "fakes"))
 from runfakes import CPU, plain, write_run
@@ -241,3 +242,20 @@ def test_unequal_enrolment_is_marked(baseline: Path) -> None:
     assert {check.method for check in outcome.checks if check.unequal} == {"good"}
     assert outcome.remarks == ("≠ Enrolment gave good 'single lights', the baseline 'one picture'.",)
     assert not any(check.unequal for check in gate(told("one picture"), told(""), Quality(0.01), 0.1).checks)
+
+
+def test_memory_is_gated_where_it_is_asked_for(baseline: Path, tmp_path: Path) -> None:
+    def taking(name: str, peak: float) -> Path:
+        run = read_run(write_run(tmp_path / name))
+        for number, cell in enumerate(run.cells):
+            run.store.write_cell(replace(cell, cost=Cost(peak_mb=peak + number % 3)))
+        return run.folder
+
+    small, large = taking("small", 500), taking("large", 700)
+    assert _gate(large, small).verdict is Verdict.PASS, "off unless asked for"
+    outcome = _gate(large, small, memory=0.25)
+    assert outcome.verdict is Verdict.REGRESSION and {c.kind for c in outcome.regressions} == {"memory"}
+    assert _gate(large, small, memory=0.5).verdict is Verdict.PASS
+    assert _gate(small, baseline, memory=0.25).verdict is Verdict.PASS, "a run of before it was measured"
+    assert main(["gate", str(large), "--baseline", str(small), "--memory", "25%", "--time", "off"]) == 1
+    assert main(["gate", str(large), "--baseline", str(small), "--memory", "much"]) == 2

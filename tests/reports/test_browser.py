@@ -72,6 +72,7 @@ class Opened:
     def __init__(self, browser: Any, address: str, width: int = 1280, height: int = 900, **settings: Any) -> None:
         self.context = browser.new_context(viewport={"width": width, "height": height}, **settings)
         self.page = self.context.new_page()
+        self.page.set_default_timeout(120_000)  # a machine may be busy
         self.complaints: list[str] = []
         self.requests: list[str] = []
         self.page.on("console", lambda message: self.complaints.append(f"{message.type}: {message.text}"))

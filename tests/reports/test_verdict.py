@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from handbench.reports import render_csv, render_markdown, table
+from handbench.reports import render_csv, render_markdown, table, write_reports
 from handbench.reports.model import Table
 from handbench.reports.verdict import answer
 from handbench.results.reading import read_run, titled_apart
+from handbench.studies.auditrecord import Found, audit_told, keep_audit
 
 sys.path.append(str(Path(__file__).parents[1] / "bench" / "fakes"))
 from runfakes import plain, write_run
@@ -101,3 +102,16 @@ def test_heads_count_subjects_and_frames(tmp_path: Path, subjects: int, counted:
     result = table(write_run(tmp_path / "run", subjects=subjects))
     assert [group.counted for group in result.groups] == [counted, counted]
     assert f"{counted}." in render_markdown(result)
+
+
+def test_the_page_says_what_the_audit_found(tmp_path: Path) -> None:
+    run = read_run(write_run(tmp_path / "run", subjects=1, frames=2))
+    assert audit_told(run).startswith("Not audited")
+    fine, none, bad = Found("keys", True, ""), Found("shards", None, "one cell"), Found("coverage", False, "a gap")
+    keep_audit(run, [fine, none, fine])
+    assert audit_told(run) == "The audit holds in all 2 checks."
+    keep_audit(run, [fine, none, bad])
+    assert audit_told(run) == "The audit found 1 of 2 checks broken: coverage (a gap)."
+    assert "The audit found 1 of 2 checks broken" in write_reports(run.folder)["index.html"].read_text()
+    run.store.write_run(replace(run.plan, cells=run.plan.cells[1:]))
+    assert "of other cells than these" in audit_told(read_run(run.folder))
