@@ -12,6 +12,7 @@ from handbench.hand import hand_model
 from handbench.light.gaussians import SphericalGaussians
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.scene import LIGHT_KINDS, Pose, Viewpoint
+from handbench.settings import UNCHANGED, Changes, changed
 
 from ..kit.enrolled import enrolled
 from ..kit.weights import load_state, save_state
@@ -112,12 +113,13 @@ class PalmPrior(Prior):
 class Palm(Method):
     """PALM-Net at a preset, or one of its ablations."""
 
-    def __init__(self, preset: str, ablation: str | None = None) -> None:
-        self._settings = chosen = settings(preset, ablation)
+    def __init__(self, preset: str, ablation: str | None = None, changes: Changes = UNCHANGED) -> None:
+        name = NAME if ablation is None else f"{NAME}-{ablation}"
+        self._settings = chosen = changed(settings(preset, ablation), changes, name)
         self.info = replace(INFO, linear=chosen.drawing.gathering.maps == "lights")
         if ablation is not None:
             about = ABLATIONS[ablation]
-            self.info = replace(self.info, name=f"{NAME}-{ablation}", title=about.title, summary=about.summary)
+            self.info = replace(self.info, name=name, title=about.title, summary=about.summary)
 
     @property
     def config(self) -> dict[str, Any]:
