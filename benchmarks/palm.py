@@ -1,4 +1,4 @@
-"""What PALM-Net's parts cost and how exact they are: `python -m benchmarks.palm`; results in docs/palm.md.
+"""What PALM-Net's parts cost and how exact they are: `python -m benchmarks.palm`; results in docs/palm-net.md.
 
 Seconds are of one core's CPU. Roots: points a second, and how far the field of weights is from exact skinning.
 Encodings: error of a neutral hand's signed distance after as many steps of the same network. Rays: a frame of a prior
@@ -15,11 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from safetensors.torch import load_file
 from torch import Tensor
 
 from handbench.data.openstage import open_capture
 from handbench.hand import hand_model
 from handbench.hand.canonical import AllBones, Deformation, NearestBones, Starts, WeightField, canonicalise
+from handbench.method import silent
 from handbench.methods.palm.config import PRESETS, Config
 from handbench.methods.palm.model import PalmModel
 from handbench.methods.palm.posed import PosedHand, render
@@ -116,13 +118,18 @@ def encodings(steps: int) -> None:
         print(f"{name:16} {', '.join(told):46} {1e3 * spent / steps:10.1f} {times[0]:16.0f} {times[1]:14.0f}")
 
 
-def rays(width: int, height: int) -> None:
-    """A frame of a short-trained prior."""
+def rays(width: int, height: int, weights: str | None) -> None:
+    """A frame of a prior of `quick` whose weights are given, or of one that has seen a little."""
     capture = open_capture("mini", capture="openscans")
     some = [f for f in capture.frames() if f.subject == "s25"]
     config = replace(PRESETS["quick"], geometry_steps=100, steps=40, patch=16, light_from=2.0)
     hand = hand_model()
-    model = trained(config, hand, capture.recording(some), 0, lambda step, total, **values: None)
+    if weights is None:
+        model = trained(config, hand, capture.recording(some), 0, silent)
+    else:
+        state = load_file(weights)
+        model = PalmModel(config, hand, len(state["phi"]))
+        model.load_state_dict(state)
     frame = some[0]
     assert frame.pose is not None and frame.shape is not None
     told = (frame.pose.joints, frame.pose.rotation, frame.pose.translation)
@@ -169,11 +176,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.palm", description="Measure the parts of PALM-Net.")
     parser.add_argument("parts", nargs="*", default=["roots", "encodings", "rays"], help="roots, encodings, rays")
     parser.add_argument("--steps", type=int, default=400, help="of each encoding (default: 400)")
+    parser.add_argument("--weights", help="weights.safetensors of a trained prior of quick, for rays")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(0)
     for part in arguments.parts:
-        {"roots": roots, "encodings": lambda: encodings(arguments.steps), "rays": lambda: rays(192, 256)}[part]()
+        {
+            "roots": roots,
+            "encodings": lambda: encodings(arguments.steps),
+            "rays": lambda: rays(192, 256, arguments.weights),
+        }[part]()
 
 
 main()
