@@ -15,7 +15,6 @@ import torch
 
 from handbench.data.openstage import open_capture
 from handbench.data.openstage.population import cast
-from handbench.data.openstage.presets import preset
 from handbench.data.openstage.skin import make_skin
 from handbench.hand import hand_model
 from handbench.hand.openhand import OpenHand
@@ -59,7 +58,8 @@ def main() -> None:
     source, hand = open_capture(arguments.size, capture="openphone"), hand_model()
     surface = PosedSurface(hand.mesh(hand.neutral(), hand.named_pose("rest"), LEVEL), SIZE)
     facing = -palm(hand) @ surface.normal.numpy() / np.linalg.norm(palm(hand))
-    for person in cast("openphone", preset(arguments.size, "openphone").subjects, OpenHand.load()):
+    count = len({frame.subject for frame in source.frames()})
+    for person in cast("openphone", count, OpenHand.load()):
         frames = [f for f in source.frames() if f.subject == person.name and f.segment == "scan"]
         truths = [source.truth(frame) for frame in frames]
         sightings = tuple(Sighting(f, t.pose) for f, t in zip(frames, truths, strict=True) if t.pose is not None)

@@ -11,12 +11,13 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import TypeAlias
 
 import numpy as np
 
 from handbench.data.openstage import open_capture
 from handbench.data.openstage.population import cast
-from handbench.data.openstage.presets import CaptureName, preset
+from handbench.data.openstage.presets import CaptureName
 from handbench.hand import HandModel, hand_model
 from handbench.hand.fitting import Fit, Picture, Unfittable, fit, pictures
 from handbench.hand.openhand import OpenHand
@@ -47,13 +48,16 @@ class Known:
     groups: tuple[str, ...]
 
 
+Row: TypeAlias = tuple[Known, Errors | None, str]
+"""A picture, how far its hand is off, if one was found, and why it was refused, or \"\"."""
+
+
 def known(capture: CaptureName, size: str) -> list[list[Known]]:
     """Every picture that can be enrolled, subject by subject in the order of time."""
     found, source = hand_model(), open_capture(size, capture=capture)
-    tones = {
-        one.name: _tone(one.look.melanin) for one in cast(capture, preset(size, capture).subjects, OpenHand.load())
-    }
     frames = [frame for frame in source.frames() if frame.segment == SEGMENTS[capture]]
+    count = len({frame.subject for frame in frames})
+    tones = {one.name: _tone(one.look.melanin) for one in cast(capture, count, OpenHand.load())}
     people = []
     for subject, tone in tones.items():
         own = source.recording(frame for frame in frames if frame.subject == subject)
@@ -69,11 +73,11 @@ def _tone(melanin: float) -> str:
 
 def _seen(hand: HandModel, truth: Frame) -> tuple[str, str]:
     """Which side of the hand the camera sees, and whether its fingers are straight."""
-    assert truth.pose is not None and isinstance(truth.camera, Camera)
+    assert truth.pose is not None and truth.shape is not None and isinstance(truth.camera, Camera)
     points = hand.posed(truth.shape, truth.pose)[1][list(hand.key_points)]
     flat = hand.posed(truth.shape, hand.named_pose("rest"))[1][list(hand.key_points)]
     wrist, index, little = points[[0, 5, 17]]
-    palm = np.cross(little - wrist, index - wrist)  # out of the palm of a right hand
+    palm = np.cross(index - wrist, little - wrist)  # out of the palm of a right hand
     towards = truth.camera.centre - points.mean(axis=0)
     cosine = float(palm @ towards / np.linalg.norm(palm) / np.linalg.norm(towards))
     side = "palm" if cosine > 0.5 else "back" if cosine < -0.5 else "edge"
@@ -91,7 +95,8 @@ def some(people: Sequence[Sequence[Known]], each: int) -> list[Known]:
 def found_in(hand: HandModel, truth: Frame, found: Fit, index: int = 0) -> Errors:
     """How far a fitted hand is from that of a frame."""
     pose = found.pictures[index].pose
-    assert pose is not None and truth.pose is not None and isinstance(truth.camera, Camera)
+    assert pose is not None and truth.pose is not None and truth.shape is not None
+    assert isinstance(truth.camera, Camera)
     true = hand.posed(truth.shape, truth.pose)[0]
     return errors_of(hand.posed(found.shape, pose)[0], true, truth.camera, pose.translation - truth.pose.translation)
 
@@ -100,20 +105,22 @@ def alone(capture: CaptureName, size: str, each: int) -> None:
     """Errors of pictures that are fitted one by one."""
     hand, people = hand_model(), some(known(capture, size), each)
     for given in USUAL[capture]:
-        rows, took = [], []
+        rows: list[Row] = []
+        took = []
         for one in people:
             start = time.process_time()
             try:
                 found = fit(hand, [GIVEN[given](one.picture)])
-            except Unfittable as error:
-                rows.append((one, None, error.problems[0].kind))
-                print(f"  {error}", flush=True)
+            except Unfittable as wrong:
+                rows.append((one, None, wrong.problems[0].kind))
+                print(f"  {wrong}", flush=True)
                 continue
             took.append(time.process_time() - start)
             missed = [problem for problem in found.problems if problem.fatal]
-            rows.append((one, found_in(hand, one.truth, found), missed[0].kind if missed else ""))
+            error = found_in(hand, one.truth, found)
+            rows.append((one, error, missed[0].kind if missed else ""))
             for problem in found.problems:
-                print(f"  {1e3 * rows[-1][1].absolute:.1f} mm: {problem}", flush=True)
+                print(f"  {1e3 * error.absolute:.1f} mm: {problem}", flush=True)
         print(f"\n{capture} {size}, one picture: {given}; {np.median(took):.1f} s of a core")
         _table(rows)
 
@@ -121,7 +128,8 @@ def alone(capture: CaptureName, size: str, each: int) -> None:
 def together(capture: CaptureName, size: str) -> None:
     """Errors of whole sequences of one person."""
     hand, given = hand_model(), USUAL[capture][-1]
-    rows, took = [], []
+    rows: list[Row] = []
+    took = []
     for own in known(capture, size):
         start = time.process_time()
         found = fit(hand, [GIVEN[given](one.picture) for one in own])
@@ -136,7 +144,7 @@ def together(capture: CaptureName, size: str) -> None:
     _table(rows)
 
 
-def _table(rows: Sequence[tuple[Known, Errors | None, str]]) -> None:
+def _table(rows: Sequence[Row]) -> None:
     """Mean and worst errors of what was returned as a hand, by kind of picture, and how many were refused; fine
     are those of them whose hand is within 10 mm up to a scaling about the camera."""
     print(
