@@ -20,7 +20,7 @@ from ..kit.albedo import Canvas, flat
 from ..kit.colourspace import to_linear
 from ..kit.enrolled import enrolled
 from ..kit.untaught import Untaught
-from ..kit.weights import load_state, save_state
+from ..kit.weights import as_tensor, as_text, check_shapes, load_state, save_state
 from .config import HarpConfig
 from .fitting import fitted
 from .look import Look, shade
@@ -106,16 +106,17 @@ class HarpAvatar(Avatar):
         look, surface = self.look, self.look.surface
         state = {"shape": torch.from_numpy(np.array(look.shape, dtype=np.float64))}
         state |= {name: getattr(look, name).detach().contiguous() for name in _TENSORS}
-        save_state(folder, INFO.name, {**asdict(look.config), "hand": surface.hand.name}, state)
+        save_state(folder, INFO.name, asdict(look.config), {**state, "hand": as_tensor(surface.hand.name)})
 
     @classmethod
     def load(cls, folder: Path, config: HarpConfig) -> HarpAvatar:
         """The avatar that `save` wrote. Raises `InputError` as `load_state` does."""
-        model = hand_model()
+        state = load_state(folder, INFO.name, asdict(config), {"hand": (None,)})
+        model = hand_model(as_text(state["hand"]))
         maps = (3, config.texture, config.texture)
         shapes: dict[str, tuple[int | None, ...]] = {"shape": (model.shape_size,), "ambient": ()}
         shapes |= {"offset": (Surface(model, config.level).count,), "albedo": maps, "normal_map": maps, "light": (3,)}
-        state = load_state(folder, INFO.name, {**asdict(config), "hand": model.name}, shapes)
+        check_shapes(folder, state, shapes)
         surface = Surface(model, config.level)
         return cls(Look(config, surface, state["shape"].numpy(), *(state[name] for name in _TENSORS)))
 

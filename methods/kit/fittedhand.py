@@ -19,7 +19,7 @@ from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.unwrap import Projected, TexelSurface
 from handbench.scene import Array, Baked, Camera, Frame, Light, Mesh, Pose, Prediction, Viewpoint, needed
 
-from .weights import load_state, save_state
+from .weights import as_tensor, as_text, check_shapes, load_state, save_state
 
 FITTABLE: frozenset[Need] = frozenset({"image", "alpha", "camera", "keypoints"})
 """What enrolment must give for `fitted_hand`; depth and poses are used where they are given."""
@@ -27,7 +27,7 @@ FITTABLE: frozenset[Need] = frozenset({"image", "alpha", "camera", "keypoints"})
 LEAST_SURE = 0.5  # of a detector: key points that it is less sure of are often elsewhere
 GRAZING = 0.15  # cosine below which what a picture shows of the surface is mostly its neighbourhood
 _ENOUGH = 0.5  # of the pictures that must show the hand
-LEVEL = 1  # of the meshes' subdivision
+_LEVEL = 1  # of the meshes' subdivision
 _NAME, _INNER = "fitted hand", "inner"  # of a kept avatar
 
 
@@ -107,7 +107,7 @@ def fitted_hand(enrolment: Recording, settings: Settings = QUICK, progress: Prog
     if len(sightings) < _ENOUGH * len(frames):
         fatal = [problem for problem in found.problems if problem.fatal]
         raise Unsupported(f"{fatal[0]} (a hand was found in {len(sightings)} of {len(frames)} pictures)")
-    return FittedHand(model, found.shape, min(LEVEL, model.levels), sightings)
+    return FittedHand(model, found.shape, min(_LEVEL, model.levels), sightings)
 
 
 def _trusted(picture: Picture) -> Picture:
@@ -136,17 +136,21 @@ class FittedAvatar(Avatar):
     def save(self, folder: Path) -> None:
         """The hand, without the frames it was found in, and the avatar in a folder of its own."""
         hand = self._hand
-        told = {"hand": hand.hand.name, "level": hand.level}
-        save_state(folder, _NAME, told, {"shape": torch.from_numpy(np.array(hand.shape, dtype=np.float64))})
+        told = {"shape": np.array(hand.shape, dtype=np.float64), "level": np.array(hand.level)}
+        state = {name: torch.from_numpy(value) for name, value in told.items()}
+        save_state(folder, _NAME, {}, {**state, "hand": as_tensor(hand.hand.name)})
         (folder / _INNER).mkdir()
         self._inner.save(folder / _INNER)
 
     @classmethod
-    def load(cls, folder: Path, inner: Callable[[Path], Avatar]) -> FittedAvatar:
+    def load(cls, folder: Path, inner: Callable[[Path, FittedHand], Avatar]) -> FittedAvatar:
         """The avatar that `save` wrote; `inner` reads the one in it. Raises `InputError` as `load_state` does."""
-        model = hand_model()
-        state = load_state(folder, _NAME, {"hand": model.name, "level": LEVEL}, {"shape": (model.shape_size,)})
-        return cls(FittedHand(model, state["shape"].numpy(), LEVEL, ()), inner(folder / _INNER))
+        state = load_state(folder, _NAME, {}, {"hand": (None,), "level": ()})
+        model = hand_model(as_text(state["hand"]))
+        check_shapes(folder, state, {"shape": (model.shape_size,)})
+        hand = FittedHand(model, state["shape"].numpy(), int(state["level"]), ())
+        model.topology(hand.level)  # raises for a level that there is not
+        return cls(hand, inner(folder / _INNER, hand))
 
 
 class PosedFitted(PosedAvatar):

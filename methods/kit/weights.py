@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor
@@ -54,12 +55,29 @@ def load_state(
         raise InputError(f"weights {path} were trained with {trained}, asked for {wanted}; train again")
     if odd := [name for name, tensor in state.items() if not tensor.isfinite().all()]:
         raise InputError(f"weights {path} hold NaN or infinity in {odd[0]}; train again")
-    for name, shape in (shapes or {}).items():
+    check_shapes(folder, state, shapes or {})
+    return state
+
+
+def check_shapes(folder: Path, state: Mapping[str, Tensor], shapes: Mapping[str, tuple[int | None, ...]]) -> None:
+    """Raises `InputError` unless a state of a folder has the named tensors, of these sizes (None: any)."""
+    for name, shape in shapes.items():
         found = None if name not in state else tuple(state[name].shape)
         if (
             found is None
             or len(found) != len(shape)
             or any(w not in (None, f) for f, w in zip(found, shape, strict=True))
         ):
-            raise InputError(f"weights {path} hold {name} of shape {found}, expected {shape}; make them again")
-    return state
+            raise InputError(
+                f"weights {folder / _FILE} hold {name} of shape {found}, expected {shape}; make them again"
+            )
+
+
+def as_tensor(text: str) -> Tensor:
+    """A text as a tensor, to be kept beside others."""
+    return torch.tensor(list(text.encode()), dtype=torch.uint8)
+
+
+def as_text(tensor: Tensor) -> str:
+    """The text that `as_tensor` made a tensor of."""
+    return bytes(tensor.to(torch.uint8).flatten().tolist()).decode(errors="replace")

@@ -32,5 +32,8 @@ def _personalised(enrolment: Recording, seed: int, progress: Progress) -> Avatar
 def create(preset: str = "quick") -> Method:
     """`mean-phone`; every preset is the same."""
     return Untaught(
-        INFO, {"texture": TEXTURE}, _personalised, lambda folder: FittedAvatar.load(folder, MeanAvatar.load)
+        INFO,
+        {"texture": TEXTURE},
+        _personalised,
+        lambda folder: FittedAvatar.load(folder, lambda at, hand: MeanAvatar.load(at)),
     )

@@ -15,7 +15,6 @@ import torch
 from torch import Tensor
 
 from handbench.errors import unknown_name
-from handbench.hand import hand_model
 from handbench.hand.fitting import QUICK, THOROUGH, Settings
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.render.see.raster import rasterise
@@ -24,7 +23,7 @@ from handbench.render.uv.posed import PosedSurface
 from handbench.scene import KNOWN_LIGHTS, LIGHT_KINDS, Baked, Light, Prediction, Unknown, Viewpoint, needed
 from handbench.settings import UNCHANGED, Changes, changed, parted
 
-from ..kit.fittedhand import FITTABLE, LEVEL, FittedAvatar, fitted_hand
+from ..kit.fittedhand import FITTABLE, FittedAvatar, FittedHand, fitted_hand
 from ..kit.picture import prediction
 from ..kit.weights import load_state, save_state
 from ..reflectance import physical
@@ -110,10 +109,10 @@ class PhonePrior(Prior):
     def restore(self, folder: Path) -> Avatar:
         return FittedAvatar.load(folder, self._restored)
 
-    def _restored(self, folder: Path) -> Avatar:
+    def _restored(self, folder: Path, hand: FittedHand) -> Avatar:
         if self._config.removal == "shadow":
             return self.inner.restore(folder)
-        return UnderOwnLight.load(folder, self.inner.restore, Atlas.of(hand_model().topology(LEVEL), self._size))
+        return UnderOwnLight.load(folder, self.inner.restore, hand.atlas(self._size))
 
 
 class UnderOwnLight(Avatar):

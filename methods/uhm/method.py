@@ -19,7 +19,7 @@ from ..kit.albedo import Canvas
 from ..kit.colourspace import to_linear
 from ..kit.enrolled import Enrolled, enrolled
 from ..kit.untaught import Untaught
-from ..kit.weights import load_state, save_state
+from ..kit.weights import as_tensor, as_text, check_shapes, load_state, save_state
 from .adaptation import Adapted, adapted
 from .config import UhmConfig
 
@@ -98,16 +98,17 @@ class UhmAvatar(Avatar):
         person, hand = self.person, self.person.hand
         state = {"shape": torch.from_numpy(np.array(hand.shape, dtype=np.float64))}
         state |= {name: getattr(person, name).contiguous() for name in ("texture", "shadows", "normals", "seen")}
-        save_state(folder, INFO.name, {**asdict(person.config), "hand": hand.hand.name}, state)
+        save_state(folder, INFO.name, asdict(person.config), {**state, "hand": as_tensor(hand.hand.name)})
 
     @classmethod
     def load(cls, folder: Path, config: UhmConfig) -> UhmAvatar:
         """The avatar that `save` wrote. Raises `InputError` as `load_state` does."""
-        model = hand_model()
+        state = load_state(folder, INFO.name, asdict(config), {"hand": (None,)})
+        model = hand_model(as_text(state["hand"]))
         texels = Atlas.of(model.topology(min(config.level, model.levels)), config.texture).count
         shapes = {"shape": (model.shape_size,), "texture": (3, texels), "shadows": (None, texels)}
         shapes |= {"normals": (None, texels, 3), "seen": (None, texels)}
-        state = load_state(folder, INFO.name, {**asdict(config), "hand": model.name}, shapes)
+        check_shapes(folder, state, shapes)
         hand = Enrolled(model, state["shape"].numpy(), ())
         return cls(Adapted(config, hand, *(state[name] for name in ("texture", "shadows", "normals", "seen"))))
 

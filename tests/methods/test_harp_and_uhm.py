@@ -239,6 +239,28 @@ def test_albedo_and_light_are_found_in_harps_own_light(toy: tuple[Enrolled, torc
     assert float((found / ratio.median() - true).abs().mean()) < 0.8 * float((flat_colour - true).abs().mean())
 
 
+def test_avatars_are_what_was_kept(toy: tuple[Enrolled, torch.Tensor], look: Look, tmp_path: Path) -> None:
+    person = adapted(toy[0], replace(UHM["smoke"], shadow_steps=1, refine_steps=1), 0, silent)
+    kept = {
+        "harp": (harp_method.HarpAvatar(look, toy[0].found), lambda at: harp_method.HarpAvatar.load(at, look.config)),
+        "uhm": (uhm_method.UhmAvatar(person), lambda at: uhm_method.UhmAvatar.load(at, person.config)),
+    }
+    pose = toy[0].pictures[0].pose
+    for name, (avatar, load) in kept.items():
+        (tmp_path / name).mkdir()
+        avatar.save(tmp_path / name)
+        again = load(tmp_path / name)
+        for light in (Directional([0.0, 0.0, 1.0], [1.0, 1.0, 1.0]), Unknown("own")):
+            frame = Frame("s", "m", "own", pose, None, camera(), light, "sequence", "environment")
+            first, second = avatar.relight(frame.query), again.relight(frame.query)
+            assert np.array_equal(first.image, second.image) and first.image.max() > 0.01, name
+        baked = again.baked(frame.viewpoint)
+        assert baked.albedo.max() > 0.05 and (baked.normal is None) is (name == "uhm")
+        assert avatar.found == {"me/pose": toy[0].pictures[1].pose}
+    with pytest.raises(InputError, match="trained with"):
+        uhm_method.UhmAvatar.load(tmp_path / "uhm", replace(person.config, gloss=0.4))
+
+
 def test_the_same_seed_gives_the_same_answer(toy: tuple[Enrolled, torch.Tensor]) -> None:
     short = replace(CONFIG, steps=(1, 1, 2))
     one, two = (fitted(toy[0], short, 3, silent) for _ in range(2))

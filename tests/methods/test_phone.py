@@ -214,6 +214,21 @@ def test_a_prior_is_what_was_saved(dark: Scan, exact: None, tmp_path: Path) -> N
     assert again.inner.diffuse == one.inner.diffuse
 
 
+@pytest.mark.parametrize("removal", ["joint", "shadow"])
+def test_an_avatar_is_what_was_kept(dark: Scan, exact: None, tmp_path: Path, removal: str) -> None:
+    one = prior(PhoneConfig(removal=removal))
+    avatar = one.personalise(dark.enrolment)
+    avatar.save(tmp_path)
+    again = one.restore(tmp_path)
+    known = Environment("even", np.ones((4, 8, 3), np.float32))
+    for light in (known, Unknown("own")) if removal == "joint" else (known,):
+        first, second = (a.pose(own(dark, 0).viewpoint).relight(light) for a in (avatar, again))
+        assert np.array_equal(first.image, second.image) and first.image.max() > 0
+    assert list(avatar.found) == [sighting.frame.pose_key for sighting in dark.hand.sightings] and not again.found
+    baked = again.baked(own(dark, 0).viewpoint)
+    assert baked.specular == pytest.approx(0.3) and len(baked.mesh.vertices) == len(first.mesh.vertices)
+
+
 @pytest.mark.parametrize("name", ["urhand-phone", "sh-phone", "mean-phone"])
 def test_they_are_registered_and_need_no_light_and_no_mesh(name: str) -> None:
     made = METHODS.entry(name).load()(preset="smoke")
