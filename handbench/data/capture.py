@@ -28,13 +28,15 @@ class Capture(ABC):
 
     `digest` identifies the content: captures of equal digest give equal pixels. `hand` names the registered hand model
     whose joints the poses turn and whose shared surface the meshes are; None if there is none. `layout` says in which
-    published layout it was brought; None for one that is made here.
+    published layout it was brought; None for one that is made here. `drawn_masks`: masks are what the told hand covers,
+    and say nothing of it.
     """
 
     name: str
     digest: str
     hand: str | None = None
     layout: str | None = None
+    drawn_masks: bool = False
 
     @abstractmethod
     def frames(self) -> tuple[Frame, ...]:

@@ -28,6 +28,11 @@ _BETTER = 0.08  # of the overlap: another convention must fit so much better to 
 _POOR = 0.6  # overlap below which the sheet should be looked at, whatever else is tried
 _SHADED = 0.2  # of the correlation with shading, as _BETTER
 _MIRRORED = 0.9  # of the area of UVs
+_FAR = 0.1  # of the hand's size: how far key points may be from detected ones
+_NEARER = 0.6  # of that: how much nearer they must come to name another convention
+_ENOUGH = 6  # key points that must be seen
+_ADDED = "with poses to which the mean pose is added (flat_hand_mean = false)"
+_NOT_ADDED = "with poses to which the mean pose is not added (flat_hand_mean = true)"
 _SIZE = 96  # rows at which overlaps are measured
 # Red over blue of hands whose median red is above _BRIGHT: in the open captures 2.3 or more in linear values, mostly
 # 1.3 to 2.1 in sRGB codes, whatever skin and light.
@@ -59,8 +64,8 @@ def checked(capture: Capture, frames: Sequence[Frame] | None = None) -> Checked:
     every = capture.frames() if frames is None else frames
     some = [every[round(i)] for i in np.linspace(0, len(every) - 1, min(_FRAMES, len(every)))]
     looked = [found for frame in some if (found := _look(capture, frame)) is not None]
-    doubts = [*_of_uvs(some), *_of_colours(capture, some)]
-    if not looked:
+    doubts = [*_of_uvs(some), *_of_colours(capture, some), *_of_key_points(capture, some)]
+    if not looked or capture.drawn_masks:
         return Checked(tuple(doubts), None)
     overlap = float(np.median([_overlap(s.mesh, s.camera, s.mask) for s in looked]))
     doubts += _of_overlap(capture, looked, overlap)
@@ -93,6 +98,49 @@ def colour_doubt(linear: Array) -> str | None:
             'if these files are ordinary pictures, say colour = "srgb"'
         )
     return None
+
+
+# -- where key points are ----------------------------------------------------------------------------------------------
+
+
+def _of_key_points(capture: Capture, frames: Sequence[Frame]) -> Iterator[str]:
+    """A doubt where a hand model's key points are far from those that were detected."""
+    if capture.hand is None:
+        return
+    model = hand_model(capture.hand)
+    tried: dict[str, Array] = {"": np.zeros((len(model.joint_names), 3))}
+    if capture.hand.startswith("mano-"):
+        mean = model.named_pose("mean").joints
+        tried |= {_ADDED: mean, _NOT_ADDED: -mean}
+    off: dict[str, list[float]] = {told: [] for told in tried}
+    for frame in frames:
+        if frame.pose is None or frame.shape is None or isinstance(frame.camera, Uncalibrated):
+            return
+        with suppress(HandbenchError):  # `troubles` tells of those
+            seen = capture.observe(frame).keypoints
+            if seen is None or (seen[:, 2] > 0).sum() < _ENOUGH:
+                continue
+            sure = seen[:, 2] > 0
+            size = float(np.linalg.norm(np.ptp(seen[sure, :2], axis=0)))
+            for told, more in tried.items():
+                _, points = model.posed(frame.shape, replace(frame.pose, joints=frame.pose.joints + more))
+                places, _ = frame.camera.project(points[list(model.key_points)])
+                away = np.linalg.norm(places - seen[:, :2], axis=1)[sure]
+                off[told].append(float(np.nan_to_num(away, nan=size).mean()) / max(size, 1e-9))
+    if not off[""]:
+        return
+    apart = {told: float(np.median(values)) for told, values in off.items()}
+    best = min(apart, key=lambda told: apart[told])
+    if best and apart[best] < _NEARER * apart[""]:
+        yield (
+            f"key points of the hand as it is told are {apart['']:.0%} of its size from those that were seen; {best} "
+            f"they would be {apart[best]:.0%}"
+        )
+    elif apart[""] > _FAR:
+        yield (
+            f"key points of the hand as it is told are {apart['']:.0%} of its size from those that were seen; look at "
+            "the sheet"
+        )
 
 
 # -- what the mesh covers --------------------------------------------------------------------------------------------
@@ -155,7 +203,7 @@ def _of_overlap(capture: Capture, looked: Sequence[_Seen], overlap: float) -> It
     elif overlap < _POOR:
         yield (
             f"the hand as it is told and the masks share only {overlap:.0%} of what they cover, and no convention "
-            "that is known does better; look at the contact sheet"
+            "that is known does better; look at the sheet"
         )
 
 
@@ -178,8 +226,8 @@ def _others(capture: Capture) -> Iterator[tuple[str, _Change]]:
     if capture.hand is not None and capture.hand.startswith("mano-"):
         model = hand_model(capture.hand)
         mean = model.named_pose("mean").joints
-        yield "with poses to which the mean pose is added (flat_hand_mean = false)", _joints(model, mean)
-        yield "with poses from which the mean pose is not added (flat_hand_mean = true)", _joints(model, -mean)
+        yield _ADDED, _joints(model, mean)
+        yield _NOT_ADDED, _joints(model, -mean)
         yield f"as the other hand (not {capture.hand})", _other_side(model)
 
 

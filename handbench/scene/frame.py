@@ -142,6 +142,15 @@ class Frame(Query):
         if self.shape is not None:
             _set(self, "shape", _array("frame", "shape", self.shape, (None,), np.float64))
 
+    def seen_by(self, camera: Camera) -> Frame:
+        """What another camera took at the same moment in the same light. What was checked is not checked again: this is
+        for captures of a million frames."""
+        made = object.__new__(type(self))
+        for name, value in vars(self).items():  # one by one, so that frames share the names of their fields
+            _set(made, name, value)
+        _set(made, "camera", camera)
+        return made
+
     @property
     def query(self) -> Query:
         """The frame without what only the recording knows."""

@@ -119,7 +119,7 @@ class _Stage:
         self._registered = sorted(lit)
         digest.update(f"{self.folder.name} {len(splits)} {[c.name for c in cameras]}".encode())
         without, posed = 0, (self.folder / "kinematic_tracking" / "pose.zip").is_file()
-        for number, split in splits.items():
+        for number, split in splits.items() if cameras else ():
             pattern = patterns.get(number)
             if pattern is None or pattern not in lights:
                 continue
@@ -131,8 +131,8 @@ class _Stage:
             self.partial |= kind != "full"
             pose = Pose.unread(partial(self._read_pose, number)) if posed else None
             name, lighting = f"{number:06d}", f"pattern-{pattern}" if kind != "full" else "full"
-            for camera in cameras:
-                yield Frame(self.subject, name, lighting, pose, mesh, camera, light, split, kind)
+            first = Frame(self.subject, name, lighting, pose, mesh, cameras[0], light, split, kind)
+            yield from (first.seen_by(camera) for camera in cameras)
         if without:
             self.remarks.append(f"{self.subject}: {without} partially lit frames are far from a registration, left out")
 

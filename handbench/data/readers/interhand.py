@@ -79,6 +79,7 @@ class InterHand(Capture):
             self._why = f"poses and meshes are not there: {error}"
         self.hand = None if self._hand is None else self._hand.name
         self._left_out = 0
+        self.drawn_masks = not (folder / "masks").is_dir()
         self._places: dict[str, tuple[_Annotations, str, str]] = {}  # by pose key: capture, folder of the sequence
         self._digest = hashlib.sha256(size.encode())
         built = self._palm() if size == "palm" else self._released()
@@ -95,14 +96,14 @@ class InterHand(Capture):
     @property
     def offers(self) -> frozenset[Need]:
         found = super().offers | {"keypoints"}
-        return found if self._hand is not None or (self.folder / "masks").is_dir() else found - {"alpha"}
+        return found if self._hand is not None or not self.drawn_masks else found - {"alpha"}
 
     @property
     def remarks(self) -> tuple[str, ...]:
         found = [self._why] if self._why else []
         if self._left_out:
             found.append(f"{self._left_out} moments are of a left hand, of two, or without a fit, and are left out")
-        if not (self.folder / "masks").is_dir() and self._hand is not None:
+        if self.drawn_masks and self._hand is not None:
             found.append(
                 "masks are what the fitted hand covers, which is off by some 5 mm; bring a folder masks/ for others"
             )
@@ -133,7 +134,7 @@ class InterHand(Capture):
     def _capture(self, said: _Annotations, split: str, capture: str) -> Iterator[Frame]:
         root, subject = self.folder / "images" / split / capture, f"{split}-{capture}"
         cameras: dict[str, Camera] = {}
-        moments: dict[str, _Moment | None] = {}
+        moments: dict[str, Frame | None] = {}
         for sequence in _names(root):
             place = root / sequence
             for name in _names(place):
@@ -145,9 +146,10 @@ class InterHand(Capture):
                 camera = cameras[name]
                 for number in numbers:
                     if number not in moments:
-                        moments[number] = self._moment(said, capture, subject, number, f"{split}/{capture}/{sequence}")
-                    if (moment := moments[number]) is not None:
-                        yield moment.frame(subject, number, camera, sequence)
+                        moment = self._moment(said, capture, subject, number, f"{split}/{capture}/{sequence}")
+                        moments[number] = moment and moment.frame(subject, number, camera, sequence)
+                    if (frame := moments[number]) is not None:
+                        yield frame.seen_by(camera)
 
     def _palm(self) -> Iterator[Frame]:
         said = _Annotations(self.folder, "train", self._digest)
