@@ -23,8 +23,8 @@ _START = 1e-4  # greatest value in a table at first (Müller et al. 2022)
 class Encoding(nn.Module, ABC):
     """Features (N, size) of places x (N, 3) in [-1, 1] along each axis of a box; differentiable in the tables.
 
-    `opened` in (0, 1] is the share of the features that are switched on, coarse ones first; others are 0. Slopes take
-    three times as long as values and are taken by formula: what is differentiated is the table only, once.
+    Slopes take three times as long as values and are taken by formula: what is differentiated is the table only, once.
+    The released code switches fine levels of f_rf on bit by bit; here all are there from the start.
     """
 
     size: int
@@ -33,20 +33,13 @@ class Encoding(nn.Module, ABC):
     def _tables(self, x: Tensor, slopes: bool) -> list[Tensor]:
         """Of each table, coarse first: its features and, if asked for, their slopes, (N, 1 or 4, F)."""
 
-    def forward(self, x: Tensor, opened: float = 1.0) -> Tensor:
-        return self._joined(self._tables(x, slopes=False), opened)[:, 0]
+    def forward(self, x: Tensor) -> Tensor:
+        return torch.cat(self._tables(x, slopes=False), dim=2)[:, 0]
 
-    def with_slopes(self, x: Tensor, opened: float = 1.0) -> tuple[Tensor, Tensor]:
+    def with_slopes(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """The features and their derivatives by x, (N, 3, size)."""
-        found = self._joined(self._tables(x, slopes=True), opened)
+        found = torch.cat(self._tables(x, slopes=True), dim=2)
         return found[:, 0], found[:, 1:]
-
-    def _joined(self, parts: Sequence[Tensor], opened: float) -> Tensor:
-        joined = torch.cat([*parts], dim=2)
-        if opened >= 1.0:
-            return joined
-        on = torch.arange(self.size) < max(parts[0].shape[2], round(opened * self.size))
-        return joined * on
 
 
 def _table(rows: int, features: int) -> nn.Parameter:

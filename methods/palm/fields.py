@@ -140,11 +140,6 @@ class MaterialField(nn.Module):
         albedo = _ALBEDO[0] + _ALBEDO[1] * values[:, :3]
         return Material(albedo, _ROUGHNESS[0] + _ROUGHNESS[1] * values[:, 3], values[:, 4])
 
-    def bound(self) -> Tensor:
-        """How fast the field can change at most: the product of its layers' bounds (1 where they have none)."""
-        bounds = [nn.functional.softplus(m.bound) for m in self.layers if isinstance(m, LipschitzLinear)]
-        return torch.stack(bounds).prod() if bounds else torch.ones(())
-
 
 def real_harmonics(directions: Tensor) -> Tensor:
     """The 16 real spherical harmonics of degree 0 to 3 ("degree 4" in the literature of radiance fields), (N, 16)."""

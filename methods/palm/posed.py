@@ -144,7 +144,6 @@ class PosedHand:
             towards=torch.zeros(count, 3),
             alpha=torch.ones(count),
             depth=torch.zeros(count),
-            free=x.new_zeros(0),
         )
 
     def surface(self, spacing: float = 2e-3) -> Surface:
@@ -167,7 +166,7 @@ class Rendering:
     ray (P,), weight (P,); point (P, 3) in the world, distance (P,) along the ray, towards (P, 3) the ray's direction; x
     (P, 3) canonical; sdf (P,) metres, feature (P, 1 + F), gradient (P, 3) of the distance in canonical space; normal
     (P, 3) unit, in the world. alpha (R,) what rays are stopped by, depth (R,) the mean distance of that, 0 where
-    nothing is. free (M,): signed distances of all samples, those without weight too.
+    nothing is.
     """
 
     ray: Tensor
@@ -182,7 +181,6 @@ class Rendering:
     towards: Tensor
     alpha: Tensor
     depth: Tensor
-    free: Tensor
 
     @property
     def rays(self) -> int:
@@ -270,5 +268,4 @@ def _gathered(posed: PosedHand, intervals: Intervals, origins: Tensor, direction
         towards=directions[ray[keep]],
         alpha=alpha,
         depth=along / alpha.clamp_min(1e-6),
-        free=near.sdf,
     )

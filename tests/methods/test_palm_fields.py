@@ -45,14 +45,6 @@ def test_slopes_are_those_of_finite_differences(name: str) -> None:
         assert torch.allclose(slopes[:, axis], wanted, atol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["triplane", "hash"])
-def test_features_open_from_coarse_to_fine(name: str) -> None:
-    encoding, x = _encoding(name), _places(5)
-    half = encoding(x, opened=0.5)
-    kept = encoding.size // 2
-    assert torch.equal(half[:, :kept], encoding(x)[:, :kept]) and not half[:, kept + 1 :].any()
-
-
 def test_a_coarse_level_of_a_hash_grid_is_a_whole_grid() -> None:
     grid = _encoding("hash")
     assert isinstance(grid, HashGrid)
