@@ -103,13 +103,19 @@ class PalmModel(nn.Module):
         return Conditions(torch.cat([*seen, codes.geometry]), torch.cat([*seen, codes.appearance]))
 
     def geometry(self, x: Tensor, conditions: Conditions, gradient: bool = False) -> Geometry:
-        """f_g at canonical places (N, 3)."""
-        unit = self._unit(x)
-        if not gradient:
-            sdf, feature = self.geometry_field(unit, self.aspect, conditions.geometry)
+        """f_g at canonical places (N, 3).
+
+        Places that need a gradient give theirs to the distance, not to the features and not to the distance's gradient.
+        """
+        place = x.detach()
+        if not (gradient or x.requires_grad):
+            sdf, feature = self.geometry_field(self._unit(place), self.aspect, conditions.geometry)
             return Geometry(self.half * sdf, feature, None)
-        found = self.geometry_field.with_gradient(unit, self.aspect, conditions.geometry)
-        return Geometry(self.half * found[0], found[1], found[2])
+        sdf, feature, slope = self.geometry_field.with_gradient(self._unit(place), self.aspect, conditions.geometry)
+        sdf = self.half * sdf
+        if x.requires_grad:
+            sdf = sdf + (slope.detach() * (x - place)).sum(dim=1)
+        return Geometry(sdf, feature, slope if gradient else None)
 
     def radiance(self, x: Tensor, feature: Tensor, reflected: Tensor, normal: Tensor, conditions: Conditions) -> Tensor:
         """f_rf at canonical places (N, 3), seen along directions whose mirror images at normals are `reflected`; both

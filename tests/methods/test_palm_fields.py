@@ -164,6 +164,27 @@ def test_a_model_of_a_preset_answers_for_each_person_and_pose(name: str) -> None
     assert torch.equal(found[0], model.geometry(x, model.conditions(model.codes(0), shape, bent)).sdf)
 
 
+def test_the_distance_gives_its_gradient_to_places() -> None:
+    """As the pose needs it: through tables too, with networks that are fixed."""
+    torch.manual_seed(0)
+    hand = hand_model()
+    model = PalmModel(PRESETS["smoke"], hand, 1).requires_grad_(False)
+    for table in model.geometry_field.encoding.parameters():
+        nn.init.normal_(table, std=0.1)
+    nn.init.normal_(model.geometry_field.network.layers[0].weight, std=0.1)
+    shape, joints = torch.tensor(np.asarray(hand.neutral())).float(), torch.zeros(len(hand.parents), 3)
+    conditions = model.conditions(model.codes(0), shape, joints)
+    x = model.field.coarse[:200].clone().requires_grad_(True)
+    found = model.geometry(x, conditions)
+    (gradient,) = torch.autograd.grad(found.sdf.sum(), x)
+    step = 2e-5
+    for axis in range(3):
+        shift = step * torch.eye(3)[axis]
+        above, below = (model.geometry(x.detach() + sign * shift, conditions).sdf for sign in (1, -1))
+        wanted = (above - below) / (2 * step)
+        assert (gradient[:, axis] - wanted).abs().median() < 0.02 * wanted.abs().median()
+
+
 def test_presets_say_what_the_seed_and_the_code_say() -> None:
     assert PRESETS["seed"].gaussians == 8 and PRESETS["seed"].rays == 1024 and PRESETS["seed"].steps == 200_000
     assert PRESETS["released"].levels == 32 and PRESETS["released"].geometry == (64,)
