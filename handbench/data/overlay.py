@@ -43,7 +43,10 @@ def sheet(capture: Capture, frames: Sequence[Frame] | None = None) -> Image.Imag
         at += font.getlength(name) + 12
     for i, (frame, cell) in enumerate(zip(some, cells, strict=True)):
         x, y = (i % _COLUMNS) * (width + _GAP), 2 * _LABEL + (i // _COLUMNS) * (height + _GAP)
-        draw.text((x + 2, y), frame.key, _INK, font)
+        key = frame.key
+        while font.getlength(key) > width - 4 and "/" in key:  # the end says which it is
+            key = key.partition("/")[2]
+        draw.text((x + 2, y), key, _INK, font)
         page.paste(cell, (x, y + _LABEL))
     return page
 

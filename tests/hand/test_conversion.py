@@ -115,7 +115,7 @@ def test_the_verbs_convert_there_and_back(
         "--from",
         "mano-right",
         "--flat-hand-mean",
-        "false",
+        "no",
         "--to",
         "openhand",
         "--out",
