@@ -130,11 +130,6 @@ if (root) {
       });
     }
     stage.show();
-    for (const side of ["left", "right"]) {
-      const link = get(`.save.${side}`);
-      link.href = get(`.side.${side} canvas`).toDataURL("image/png");
-      link.download = `${query(frame).replaceAll("/", "__")}--${data.names[chosen[side]]}${get(".error").checked && chosen[side] ? "-error" : ""}.png`;
-    }
     const stops = Number(get(".exposing").value);
     get(".ev").value = (stops > 0 ? "+" : "") + String(stops).replace("-", "−");
     const files = [chosen.left, chosen.right].map((index) => frame.files[index]).filter(Boolean);
@@ -193,6 +188,14 @@ if (root) {
     document.getElementById("viewer").scrollIntoView({ block: "start" });
     get(".stage").focus({ preventScroll: true });
   };
+  for (const side of ["left", "right"]) {
+    const link = get(`.save.${side}`);
+    link.addEventListener("click", () => {
+      const index = Number(form[side].value);
+      link.href = get(`.side.${side} canvas`).toDataURL("image/png");
+      link.download = `${query(frame).replaceAll("/", "__")}--${data.names[index]}${get(".error").checked && index ? "-error" : ""}.png`;
+    });
+  }
   get(".exposing").addEventListener("input", draw);
   get(".all").addEventListener("toggle", draw);
   for (const key of KEYS) form[key].addEventListener("change", () => choose(key, form[key].value));

@@ -383,7 +383,7 @@ def test_frames_are_sorted_by_score_and_by_difference_and_lead_to_the_viewer(ope
 
 def test_a_link_keeps_frame_methods_error_and_exposure(opened: Opened) -> None:
     page = opened.page
-    opened.choose("left", "4")
+    opened.choose("left", "3")
     page.check(".viewer .error")
     page.fill(".exposing", "-2")
     opened.drawn()
@@ -396,7 +396,12 @@ def test_a_link_keeps_frame_methods_error_and_exposure(opened: Opened) -> None:
     assert (page.inner_text(".place"), page.evaluate(PIXELS)) == before
 
 
-PIXELS = """() => [...document.querySelector(".side.left canvas").getContext("2d").getImageData(20, 40, 9, 1).data]"""
+PIXELS = """() => {
+  const from = document.querySelector(".side.left canvas");
+  const copy = new OffscreenCanvas(from.width, from.height).getContext("2d", { willReadFrequently: true });
+  copy.drawImage(from, 0, 0);
+  return [...copy.getImageData(20, 40, 9, 1).data];
+}"""
 
 
 def test_the_slider_changes_the_exposure_of_the_linear_picture(opened: Opened) -> None:
@@ -417,7 +422,7 @@ def test_all_methods_are_side_by_side_and_a_frame_can_be_saved(opened: Opened) -
     page.click(".all summary")
     page.wait_for_selector(".tiles canvas")
     told = page.eval_on_selector_all(".tiles button", "all => all.map(one => one.textContent)")
-    assert len(told) == 5 and told[0] == "Truth" and told[4].startswith("URHand ") and "no picture" in told[3]
+    assert [text.partition(" ")[0] for text in told] == ["Truth", "Mean", "Phong", "URHand"]
     page.click(".tiles button >> nth=1")
     opened.drawn()
     assert page.inner_text(".tag.right") == "Mean"
