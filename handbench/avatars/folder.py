@@ -16,7 +16,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -200,7 +200,7 @@ def _record(portrait: Portrait, files: dict[str, str]) -> AvatarRecord:
     )
 
 
-def _arrays(shown: Repertoire) -> dict[str, Array]:
+def _arrays(shown: Repertoire) -> dict[str, Any]:
     cameras, poses = shown.cameras.values(), [p.pose for p in shown.postures.values() if p.pose is not None]
     meshes = [p.mesh for p in shown.postures.values() if p.mesh is not None]
     found = {"K": np.stack([c.K for c in cameras]), "world_to_camera": np.stack([c.world_to_camera for c in cameras])}

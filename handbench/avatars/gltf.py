@@ -63,7 +63,7 @@ def write_glb(path: Path, baked: Baked, name: str, licence: str) -> tuple[str, .
         "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}],
     }
     with whole(path) as part:
-        part.write_bytes(_file(tree | pack.tree(), pack.data))
+        part.write_bytes(_file(tree | pack.tree(), bytes(pack.data)))
     remarks = []
     if (most := float(baked.albedo.max())) > 1.0:
         share = float((baked.albedo > 1.0).any(axis=-1).mean())
@@ -117,7 +117,7 @@ class _Pack:
 def _file(tree: dict[str, Any], data: bytes) -> bytes:
     text = json.dumps(tree, separators=(",", ":"), ensure_ascii=False).encode()
     text += b" " * (-len(text) % 4)
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + bytes(data)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
