@@ -19,11 +19,11 @@ from .filekind import MAX_PIXELS, check_kind, check_size
 _MAGIC = b"\xabKTX 11\xbb\r\n\x1a\n"
 _PACKED = 0x8C3A  # R11F_G11F_B10F
 _FLOATS: dict[int, tuple[np.dtype[Any], int]] = {
-    0x881B: (np.dtype("<f2"), 3),
-    0x881A: (np.dtype("<f2"), 4),
-    0x8815: (np.dtype("<f4"), 3),
+    0x881B: (np.dtype("<f2"), 3),  # RGB16F
+    0x881A: (np.dtype("<f2"), 4),  # RGBA16F
+    0x8815: (np.dtype("<f4"), 3),  # RGB32F
+    0x8814: (np.dtype("<f4"), 4),  # RGBA32F
 }
-_FLOATS |= {0x8814: (np.dtype("<f4"), 4)}  # RGB16F, RGBA16F, RGB32F, RGBA32F
 _NAMES = "R11F_G11F_B10F, RGB16F, RGBA16F, RGB32F or RGBA32F"
 _LARGEST = 1024  # texels a side of a cube map: beyond, a map made of it takes gigabytes
 _HEADER = 1 << 20  # bytes of key-value pairs
