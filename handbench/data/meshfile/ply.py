@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def read_vertices(content: bytes) -> Array:
     return _positions(_elements(content).get("vertex", {}))
 
 
-def _elements(content: bytes) -> dict[str, dict[str, list[Array] | Array]]:
+def _elements(content: bytes) -> dict[str, dict[str, Any]]:
     head, found, body = content.partition(b"end_header")
     if not content.startswith(b"ply") or not found:
         raise InputError("it is no PLY file, or its header is cut off; export it anew")
@@ -64,7 +65,7 @@ def _elements(content: bytes) -> dict[str, dict[str, list[Array] | Array]]:
     return read(body, elements, ">" if kind == "binary_big_endian" else "<")
 
 
-def _positions(vertex: dict[str, list[Array] | Array]) -> Array:
+def _positions(vertex: dict[str, Any]) -> Array:
     if not all(axis in vertex for axis in "xyz"):
         raise InputError("its vertices have no x, y, z; export it anew")
     return np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(np.float64)
@@ -89,7 +90,7 @@ def _header(text: str) -> tuple[str, list[_Element]]:
     return kind, elements
 
 
-def _binary(body: bytes, elements: list[_Element], order: str) -> dict[str, dict[str, list[Array] | Array]]:
+def _binary(body: bytes, elements: list[_Element], order: str) -> dict[str, dict[str, Any]]:
     found, at = {}, 0
     for element in elements:
         if all(length is None for _, _, length in element.properties):
@@ -117,7 +118,7 @@ def _binary(body: bytes, elements: list[_Element], order: str) -> dict[str, dict
     return found
 
 
-def _ascii(body: bytes, elements: list[_Element], order: str) -> dict[str, dict[str, list[Array] | Array]]:
+def _ascii(body: bytes, elements: list[_Element], order: str) -> dict[str, dict[str, Any]]:
     lines, found = iter(body.decode("ascii", "replace").splitlines()), {}
     for element in elements:
         columns: dict[str, list[Array]] = {name: [] for name, _, _ in element.properties}

@@ -95,7 +95,8 @@ class InterHand(Capture):
 
     @property
     def offers(self) -> frozenset[Need]:
-        found = super().offers | {"keypoints"}
+        points: frozenset[Need] = frozenset({"keypoints"})
+        found = super().offers | points
         return found if self._hand is not None or not self.drawn_masks else found - {"alpha"}
 
     @property
@@ -147,7 +148,7 @@ class InterHand(Capture):
                 for number in numbers:
                     if number not in moments:
                         moment = self._moment(said, capture, subject, number, f"{split}/{capture}/{sequence}")
-                        moments[number] = moment and moment.frame(subject, number, camera, sequence)
+                        moments[number] = None if moment is None else moment.frame(subject, number, camera, sequence)
                     if (frame := moments[number]) is not None:
                         yield frame.seen_by(camera)
 
@@ -203,7 +204,7 @@ class _Moment:
 
 def _pose(hand: Any, fit: dict[str, Any]) -> Pose:
     told = np.array(fit["pose"], np.float64)
-    return hand.pose_of(told[3:], told[:3], fit["trans"], fit["shape"], flat_hand_mean=False)  # type: ignore[no-any-return]
+    return hand.pose_of(told[3:], told[:3], fit["trans"], fit["shape"], flat_hand_mean=False)
 
 
 def _vertices(hand: HandModel, shape: Array, pose: Pose) -> Array:

@@ -95,7 +95,8 @@ class ManoHand(HandModel):
             whole = whole + self.file.hands_mean
         shape = vector("betas", betas, (10,), torch.float64).numpy()
         placed = self.wrist_at(shape) + np.asarray(transl, np.float64)
-        return Pose(np.concatenate([np.zeros((1, 3)), whole.reshape(15, 3)]), global_orient, placed)
+        turn = np.asarray(global_orient, np.float64)
+        return Pose(np.concatenate([np.zeros((1, 3)), whole.reshape(15, 3)]), turn, placed)
 
     def parameters_of(self, pose: Pose, betas: ArrayLike, *, flat_hand_mean: bool) -> dict[str, Array]:
         """What `pose_of` makes the pose of: hand_pose (45,), global_orient (3,), transl (3,), betas (10,)."""
