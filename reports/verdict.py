@@ -61,10 +61,12 @@ def answer(table: Table) -> Answer:
 
 
 def _of(count: int, all_of: int) -> str:
-    """ "all 4 columns", "3 of 4 columns", "the one column"."""
+    """ "all 4 columns", "both columns", "3 of 4 columns", "the one column"."""
     if all_of == 1:
         return "the one column"
-    return f"all {all_of} columns" if count == all_of else f"{count} of {all_of} columns"
+    return (
+        {2: "both columns"}.get(all_of, f"all {all_of} columns") if count == all_of else f"{count} of {all_of} columns"
+    )
 
 
 def _next(methods: Sequence[Row], leader: Row, index: int, column: Column) -> Row | None:
@@ -119,7 +121,7 @@ def _claim(table: Table, methods: Sequence[Row], leader: Row, found: Sequence[in
         told = f"The lead holds for other hands too {where} (paired test over subjects, p ≤ 0.05 after correction)."
     else:
         most = max(table.columns[i].group.subjects for i in found)
-        least = least_p(most) * (len(methods) - 1)
+        least = min(least_p(most) * (len(methods) - 1), 1.0)
         few = least > 1 - CONFIDENCE + 1e-9
         why = f"with {counted(most, 'subject')} p cannot fall below {least:.2g}" if few else "p is above 0.05"
         told = (

@@ -37,7 +37,7 @@ def test_a_lead_is_claimed_where_the_test_allows_it_and_only_there(tmp_path: Pat
     many = table(write_run(tmp_path / "many", _apart(0.5), subjects=6))
     assert _rows(many) == {"oracle": (0, False), "good": (1, True), "fair": (2, False)}, "nothing is told from the last"
     assert answer(many).sentences == (
-        "Good is best in all 2 columns by PSNR, by 0.50 dB over the next. By the other metrics it is best in 2 of "
+        "Good is best in both columns by PSNR, by 0.50 dB over the next. By the other metrics it is best in 2 of "
         "2 values.",
         "Measured on 6 subjects and 48 frames a column, one seed: it tells of these weights. The lead holds for other "
         "hands too in each of them (paired test over subjects, p ≤ 0.05 after correction).",
@@ -47,6 +47,8 @@ def test_a_lead_is_claimed_where_the_test_allows_it_and_only_there(tmp_path: Pat
     assert _rows(few)["good"] == (1, False), "p of five subjects cannot fall below 0.0625"
     assert "cannot be claimed for others" in answer(few).claim
     assert "with 5 subjects p cannot fall below 0.062" in answer(few).claim
+    alone = table(write_run(tmp_path / "alone", _apart(0.5), subjects=1))
+    assert "with 1 subject p cannot fall below 1)" in answer(alone).claim
     assert "°" in render_markdown(few) and "°" not in render_markdown(many).replace("°: ", "").partition("## ")[0]
     assert few.unclaimed and ",1,False," in render_csv(few) and ",1,True," in render_csv(many)
 
@@ -87,7 +89,7 @@ def test_methods_alone_and_alike_are_told(tmp_path: Path) -> None:
     alone = table(write_run(tmp_path / "alone", methods=("oracle", "good")))
     assert answer(alone).best == "Good was run alone: there is no method to compare it with."
     alike = table(write_run(tmp_path / "alike"))
-    assert answer(alike).best == "Good and Fair are each best, alone or with others, in all 2 columns by PSNR."
+    assert answer(alike).best == "Good and Fair are each best, alone or with others, in both columns by PSNR."
     assert "nothing to compare" in answer(table(write_run(tmp_path / "none", methods=("oracle",)))).best
 
 
