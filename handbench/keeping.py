@@ -57,9 +57,10 @@ def in_run(folder: Path) -> list[Kept]:
 
     run = read_run(folder)
     cells = set(run.plan.cells)
-    priors = {cell.prior for cell in run.cells}
+    priors = {cell.prior for cell in run.cells if cell.prior is not None}
     complete = len(run.cells) == len(cells)
-    needed = {"cells": cells, "predictions": cells, "priors": priors, "checkpoints": cells | priors, "report": None}
+    needed: dict[str, set[str] | None] = {"cells": cells, "predictions": cells, "priors": priors}
+    needed |= {"checkpoints": cells | priors, "report": None}
     found = []
     for part, what in _PARTS.items():
         entries = tuple(sorted(run.store.own(folder / part).glob("[!.]*")))

@@ -32,8 +32,8 @@ class Lattice:
         """Nodes `spacing` apart (or a little less) on the box of points (N, 3), `margin` wider on all sides."""
         low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
         counts = np.maximum(2, np.ceil((high - low) / spacing).astype(int) + 1)
-        ends = (torch.from_numpy(np.asarray(end, dtype=np.float32)) for end in (low, high))
-        return Lattice(*ends, (int(counts[0]), int(counts[1]), int(counts[2])))
+        first, last = (torch.from_numpy(np.asarray(end, dtype=np.float32)) for end in (low, high))
+        return Lattice(first, last, (int(counts[0]), int(counts[1]), int(counts[2])))
 
     @property
     def size(self) -> int:
@@ -122,7 +122,7 @@ class _Interpolation(torch.autograd.Function):
         return weights @ table[nodes]
 
     @staticmethod
-    def backward(ctx, gradient: Tensor) -> tuple[Tensor, None, None]:  # type: ignore[no-untyped-def,override]
+    def backward(ctx, gradient: Tensor) -> tuple[Tensor, None, None]:  # type: ignore[no-untyped-def]
         nodes, weights = ctx.saved_tensors
         share = weights.transpose(1, 2) @ gradient
         total = gradient.new_zeros(ctx.rows, gradient.shape[2])

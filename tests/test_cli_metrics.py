@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import re
 from pathlib import Path
 
@@ -52,6 +53,15 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
 
 def rows(text: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_json_holds_the_values_of_every_file_and_their_means(folders, files, capsys) -> None:
+    assert main(["metrics", "compare", *map(str, folders), "--metrics", "psnr", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    values = told["values"]["psnr"]
+    assert len(values) == 3 and told["means"]["psnr"] == pytest.approx(np.mean(list(values.values())))
+    assert main(["metrics", "compare", *map(str, files), "--metrics", "psnr", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["values"]["psnr"]) == 1
 
 
 def test_the_terminal_shows_every_metric_that_pictures_allow(files, capsys, monkeypatch) -> None:

@@ -43,14 +43,14 @@ def joined(
     others = {name: tuple(sorted(own)) for name, own in seeds.items() if own != set(now.seeds)}
     leaving = {f"{each.method.name} seed {each.seed}" for key, each in found.items() if key not in staying}
     gone = tuple(f"{each} (made by other code or settings)" for each in sorted(leaving))
-    record = replace(
+    joined = replace(
         now,
         methods=_ordered(before, [*now.methods, *more]),
         cells=(*now.cells, *staying),
         seeds_of=others,
         subjects=tuple(dict.fromkeys((*now.subjects, *before.subjects))),
     )
-    return Joined(record, gone)
+    return Joined(joined, gone)
 
 
 def kept(told: RunRecord, methods: Collection[str]) -> tuple[str, ...]:

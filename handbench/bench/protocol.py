@@ -244,7 +244,7 @@ def resolve(
     scored = {}
     for column in protocol.columns:
         subjects = protocol.subjects_of(column)
-        chosen = [frame for frame in frames if frame.subject in subjects and column.frames.selects(frame)]
+        chosen = tuple(frame for frame in frames if frame.subject in subjects and column.frames.selects(frame))
         if not chosen:
             raise InputError(f"{owner}: column {column.name!r} selects no frame; check its segments and lightings")
         if column.maps:

@@ -119,8 +119,8 @@ def run(
             job.store.sweep()  # of those that were killed meanwhile
     record = job.store.run()
     rows = kept(record, names) if record else ()
-    more = {"refused": refused, "taken": taken, "kept": rows, "gone": gone}
-    return replace(_outcome(folder, job.store, plan, cells, missing, done), **more)
+    outcome = _outcome(folder, job.store, plan, cells, missing, done)
+    return replace(outcome, refused=refused, taken=taken, kept=rows, gone=gone)
 
 
 def _outcome(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import InputError, unknown_name
 from ..terminal import complain, say, show
-from .shared import examples, json_option, names
+from .shared import examples, json_option, names, tell
 
 if TYPE_CHECKING:
     from ..data.pictures import Stated
@@ -80,7 +80,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     shares: list[float] = []
 
     with steps() as told:
-        tell = told("pictures scored")
+        progress = told("pictures scored")
 
         def pairs() -> Iterator[tuple[str, Any]]:
             for i, (name, of_name) in enumerate(files.items()):
@@ -95,7 +95,7 @@ def _compare(arguments: argparse.Namespace) -> int:
                         kept.append(pair)
                     yield name, pair
                 if len(files) > 1:
-                    tell(i + 1, len(files))
+                    progress(i + 1, len(files))
 
         found = table.lines(chosen, pairs())
     if not shares:
@@ -117,8 +117,8 @@ def _compare(arguments: argparse.Namespace) -> int:
     elif arguments.format == "markdown":
         say(table.render_markdown(found, told_of), end="")
     else:
-        means = f"; means of {len(files)} files" if len(files) > 1 else ""
-        say(f"{arguments.prediction} against {arguments.truth}{means}")
+        several = f"; means of {len(files)} files" if len(files) > 1 else ""
+        say(f"{arguments.prediction} against {arguments.truth}{several}")
         say(f"the mask covers {100 * sum(shares) / len(shares):.1f} % of the picture")
         show(table.render_terminal(found))
         say("\n".join(table.notes(found, told_of)))

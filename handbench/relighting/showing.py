@@ -86,7 +86,7 @@ def flicker_of(frames: Frames, portrait: int, exposure: float) -> float | None:
     before: Pair | None = None
     for frame in range(1, frames.count - 1):
         image = exposure * kept[1][0]
-        even = exposure * sum(each for each, _ in kept) / 3.0
+        even = exposure * np.mean([each for each, _ in kept], axis=0)
         pair = Pair(image, even, kept[1][1])
         if before is not None:
             value = flicker([before, pair]).value

@@ -118,10 +118,10 @@ def merged(runs: Sequence[Run]) -> Run:
             keys, before = {cell.key for cell in own}, seen.setdefault(method.name, [])
             if keys not in before:
                 mark = f" ({label})" if before else ""
-                named = {"name": f"{method.name}{mark}", "title": f"{method.title}{mark}"}
-                methods.append(replace(method, **named))
-                cells += [replace(cell, method=replace(cell.method, **named)) for cell in own]
-                seeds[named["name"]] = run.plan.seeds_for(method.name)
+                name, title = f"{method.name}{mark}", f"{method.title}{mark}"
+                methods.append(replace(method, name=name, title=title))
+                cells += [replace(cell, method=replace(cell.method, name=name, title=title)) for cell in own]
+                seeds[name] = run.plan.seeds_for(method.name)
                 before.append(keys)
     every = tuple(dict.fromkeys(key for run in parts for key in run.plan.cells))
     plan = replace(runs[0].plan, methods=titled_apart(methods), cells=every, seeds_of=seeds)

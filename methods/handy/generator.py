@@ -89,7 +89,7 @@ class Generator(nn.Module):
     def __init__(self, code: int, texels: Tensor) -> None:
         super().__init__()
         self.code = code
-        self.register_buffer("texels", texels.to(torch.int32))
+        self.texels = nn.Buffer(texels.to(torch.int32))
         self.mean = nn.Buffer(torch.zeros(3, len(texels)))
         self.basis = nn.Buffer(torch.zeros(code, 3, len(texels)))
         self.mapping = nn.Sequential(nn.Linear(code, 2 * code), nn.LeakyReLU(0.2), nn.Linear(2 * code, code))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor, nn
@@ -57,7 +57,7 @@ class GeometryField(nn.Module):
         self.encoding = encoding
         self.network = Conditioned(encoding.size + 3, code, hidden, 1 + features, nn.Softplus(SHARPNESS))
         with torch.no_grad():
-            first, last = self.network.layers[0], self.network.layers[-1]
+            first, last = (cast(nn.Linear, self.network.layers[i]) for i in (0, -1))
             first.weight[:, : encoding.size] = 0.0
             nn.init.normal_(first.weight[:, encoding.size :], std=(2.0 / hidden[0]) ** 0.5)
             nn.init.zeros_(first.bias)

@@ -49,7 +49,7 @@ class PalmModel(nn.Module):
         self.config, self.hand = config, hand
         self.field = WeightField.of(hand, spacing=config.spacing)
         sides = self.field.box[1] - self.field.box[0]
-        self.half = 0.5 * sides.max()  # metres that count as one
+        self.reach = 0.5 * sides.max()  # metres that count as one
         self.aspect = sides / sides.max()
         aspect = self.aspect.tolist()
         code = config.pose + config.shape
@@ -110,9 +110,9 @@ class PalmModel(nn.Module):
         place = x.detach()
         if not (gradient or x.requires_grad):
             sdf, feature = self.geometry_field(self._unit(place), self.aspect, conditions.geometry)
-            return Geometry(self.half * sdf, feature, None)
+            return Geometry(self.reach * sdf, feature, None)
         sdf, feature, slope = self.geometry_field.with_gradient(self._unit(place), self.aspect, conditions.geometry)
-        sdf = self.half * sdf
+        sdf = self.reach * sdf
         if x.requires_grad:
             sdf = sdf + (slope.detach() * (x - place)).sum(dim=1)
         return Geometry(sdf, feature, slope if gradient else None)

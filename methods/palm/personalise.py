@@ -194,14 +194,8 @@ class _Fitter:
     def run(self, progress: Progress) -> Person:
         fit = self.fit
         lights = [] if fit.light == "fixed" else [*self._light.parameters()]
-        adam = torch.optim.Adam(
-            [
-                {"params": self._coefficients},
-                {"params": self._moves[1:]},
-                {"params": self._moves[:1]},
-                *([{"params": lights}] if lights else []),
-            ]
-        )
+        moved = [self._coefficients, self._moves[1:], self._moves[:1], *([lights] if lights else [])]
+        adam = torch.optim.Adam([{"params": parameters} for parameters in moved])
         for step in range(fit.steps):
             lit = step >= fit.lit_from * fit.steps
             if step % fit.rebuild == 0:

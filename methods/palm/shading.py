@@ -64,8 +64,8 @@ def dealt(
     """
     sets = len(places.ray) // samples
     order = rng.permuted(np.tile(np.arange(samples), (sets, 1)), axis=1)
-    towards = np.take_along_axis(strata(samples, rng, sets), order[..., None], axis=1)
-    towards = torch.from_numpy(towards).to(places.point).reshape(-1, 3)
+    chosen = np.take_along_axis(strata(samples, rng, sets), order[..., None], axis=1)
+    towards = torch.from_numpy(chosen).to(places.point).reshape(-1, 3)
     above = (places.normal.detach() * towards).sum(dim=1) > 1e-6
     seen = above.to(towards)
     if occluder is not None:

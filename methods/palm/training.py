@@ -53,11 +53,11 @@ def trained(config: Config, hand: HandModel, recording: Recording, seed: int, pr
     return model
 
 
-def _counted(progress: Progress, done: int, total: int) -> Progress:
-    """`progress` of a stage as that of the whole."""
+def _counted(progress: Progress, done: int, every: int) -> Progress:
+    """`progress` of a stage as that of the whole, of `every` steps."""
 
-    def tell(step: int, _: int, **values: float) -> None:
-        progress(done + step, total, **values)
+    def tell(step: int, total: int, **values: float) -> None:
+        progress(done + step, every, **values)
 
     return tell
 
@@ -135,10 +135,8 @@ class Lesson:
         """
         config, bank = self.config, self.poses[sample].bank
         half = len(bank.points) // 2
-        chosen = np.concatenate(
-            [rng.integers(half, size=count // 2), half + rng.integers(half, size=count - count // 2)]
-        )
-        chosen = torch.from_numpy(chosen)
+        drawn = [rng.integers(half, size=count // 2), half + rng.integers(half, size=count - count // 2)]
+        chosen = torch.from_numpy(np.concatenate(drawn))
         roots = canonicalise(posed.deformation, posed.local(bank.points[chosen]), NearestBones(1))
         there = roots.valid[:, 0]
         x, chosen = roots.x[there, 0], chosen[there]

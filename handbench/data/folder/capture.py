@@ -219,7 +219,7 @@ class Folder(Capture):
             found = channels.get("Z", channels.get("Y", channels.get("R")))
             if found is None:
                 raise InputError(f"depth map {path} has none of the channels Z, Y, R")
-            metres = found * self._manifest.unit
+            metres: Array = found * self._manifest.unit
         elif file.suffix.lower() == ".npy":
             metres = read_array(file, "depth map").astype(np.float32) * self._manifest.unit
         else:

@@ -91,7 +91,8 @@ def _header(text: str) -> tuple[str, list[_Element]]:
 
 
 def _binary(body: bytes, elements: list[_Element], order: str) -> dict[str, dict[str, Any]]:
-    found, at = {}, 0
+    found: dict[str, dict[str, Any]] = {}
+    at = 0
     for element in elements:
         if all(length is None for _, _, length in element.properties):
             dtype = np.dtype([(name, order + of) for name, of, _ in element.properties])

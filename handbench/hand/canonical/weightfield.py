@@ -76,9 +76,10 @@ class WeightField:
         share /= share.sum(axis=1, keepdims=True)
         vertices = vertices.reshape(lattice.size, -1)
         weights = (known[vertices] * share[..., None]).sum(axis=1)
-        tensors = (torch.from_numpy(a) for a in (weights.astype(np.float32), vertices, share.astype(np.float32)))
+        near = torch.from_numpy(weights.astype(np.float32)), torch.from_numpy(vertices)
+        shares = torch.from_numpy(share.astype(np.float32))
         bone = torch.from_numpy(np.asarray(hand.weights(0)).argmax(axis=1))
-        return WeightField(hand, around, level, lattice, *tensors, rest, coarse, bone)
+        return WeightField(hand, around, level, lattice, *near, shares, rest, coarse, bone)
 
     @property
     def box(self) -> Tensor:

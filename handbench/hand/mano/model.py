@@ -94,7 +94,7 @@ class ManoHand(HandModel):
         if not flat_hand_mean:
             whole = whole + self.file.hands_mean
         shape = vector("betas", betas, (10,), torch.float64).numpy()
-        placed = self.wrist_at(shape) + np.asarray(transl, np.float64)
+        placed: Array = self.wrist_at(shape) + np.asarray(transl, np.float64)
         turn = np.asarray(global_orient, np.float64)
         return Pose(np.concatenate([np.zeros((1, 3)), whole.reshape(15, 3)]), turn, placed)
 
