@@ -133,13 +133,13 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def without_times(value: Any, is_time: bool = False) -> Any:
-    """JSON values with 1 for every number under a name that ends in _s or _ms, but for counts, no dates, and no digest
-    of a record, which seals its times."""
+    """JSON values with 1 for every number under a name of a time, of memory or of energy (_s, _ms, _mb, _j), but for
+    counts, no dates, and no digest of a record, which seals them."""
     if isinstance(value, dict):
         return {
             name: ""
             if name == "started" or (name == "digest" and "schema" in value)
-            else without_times(each, name != "n" and (is_time or name.endswith(("_s", "_ms"))))
+            else without_times(each, name != "n" and (is_time or name.endswith(("_s", "_ms", "_mb", "_j"))))
             for name, each in value.items()
         }
     if isinstance(value, list):

@@ -121,10 +121,12 @@ def test_the_core_loads_no_plug_in_package() -> None:
 
 
 def _at_module_level(node: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
-    """The imports that importing a module makes."""
+    """The imports that importing a module makes; those of type checkers are none."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.Import | ast.ImportFrom):
             yield child
+        elif isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
+            continue
         elif not isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
             yield from _at_module_level(child)
 

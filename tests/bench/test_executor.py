@@ -39,8 +39,8 @@ PATIENCE = 240.0  # seconds, after which a process hangs: a busy machine takes a
 
 
 def comparable(folder: Path) -> str:
-    """Everything that a run tells but times, machine and command."""
-    left = ("times", "provenance", "device")
+    """Everything that a run tells but times, memory, machine and command."""
+    left = ("times", "cost", "provenance", "device")
     told = {name: value for name, value in plain(Store(folder).run()).items() if name not in left}
     kept = [{name: value for name, value in cell.items() if name not in left} for cell in cells(folder)]
     return json.dumps([told, kept], sort_keys=True)

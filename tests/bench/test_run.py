@@ -32,8 +32,9 @@ def scores(folder: Path, method: str) -> dict[tuple[str, str], dict]:
 
 
 def comparable(folder: Path) -> str:
-    """Everything but times and provenance."""
-    kept = [{k: v for k, v in cell.items() if k not in ("times", "provenance")} for cell in cells(folder)]
+    """Everything but times, memory and provenance."""
+    left = ("times", "cost", "provenance")
+    kept = [{k: v for k, v in cell.items() if k not in left} for cell in cells(folder)]
     return json.dumps(kept, sort_keys=True)
 
 

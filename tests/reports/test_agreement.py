@@ -160,7 +160,7 @@ def test_published_rows_stand_in_every_format_and_win_nowhere(three: Path) -> No
         assert "(published)" in text and NOTE in text and "16.65" in text, name
         assert "not ranked with them" in " ".join(text.split()) and "A paper, Table 1" in text, name
     assert (
-        r"Urhand \textdagger{} (published)\,{\tiny not told} & " in texts["latex"]
+        r"Urhand {\textdagger} (published)\,{\tiny not told} & " in texts["latex"]
         and r"\textbf{27.77}" not in texts["latex"]
     )
     assert "Urhand † (published)" in texts["terminal"] and "Handy & GGX * (published)" in texts["terminal"]

@@ -51,7 +51,7 @@ def test_comparisons_across_unequal_enrolment_are_marked(enrolled):
     assert all(cell.unequal == (cell.rank > 0) for row in table.rows for cell in row.cells)
     assert all(cell.across for cell in best.cells if cell.difference)
     assert not any(cell.across for row in table.rows if row.name == "phong" for cell in row.cells)
-    assert "≠" in _printed(table) and "≠" in render_markdown(table) and r"$\neq$" in render_latex(table)
+    assert "≠" in _printed(table) and "≠" in render_markdown(table) and r"\ensuremath{\neq}" in render_latex(table)
 
 
 def test_equal_enrolment_has_no_mark(enrolled):
