@@ -32,6 +32,7 @@ from handbench.data.openstage.people import look
 from handbench.data.openstage.skin import make_skin
 from handbench.files import whole
 from handbench.hand.openhand import OpenHand
+from handbench.method import Progress
 from handbench.methods.handy.generator import SIZE, Generator
 from handbench.methods.kit.discriminator import Discriminator, discriminator_loss, generator_loss
 from handbench.methods.kit.engine import Budget, Player, fit
@@ -161,7 +162,7 @@ def mapped(made: Generator, codes: Tensor, steps: int) -> None:
     print(f"mapping: sliced distance {float(loss.detach()):.4f}")
 
 
-def told(name: str) -> object:
+def told(name: str) -> Progress:
     """Prints losses of a training now and then."""
 
     def progress(step: int, total: int, **values: float) -> None:

@@ -7,7 +7,7 @@ does not depend on the camera, and it is linear in the light, whatever light tha
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 
@@ -23,7 +23,7 @@ from handbench.render.see.raster import rasterise
 from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.surface import unit_rows
 from handbench.render.uv.unwrap import TexelSurface
-from handbench.scene import KNOWN_LIGHTS, Array, Light, Mesh, Prediction, Viewpoint, needed
+from handbench.scene import KNOWN_LIGHTS, Array, Frame, Light, Mesh, Prediction, Viewpoint, needed
 from handbench.settings import UNCHANGED, Changes, changed
 
 from .kit.picture import prediction
@@ -69,9 +69,8 @@ class Frames:
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         u, v = places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]
         side = np.sign(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-        along = side[:, None] * (
-            a * v[:, 1:] - b * u[:, 1:]
-        )  # up to its length the derivative by the texture's first axis
+        # up to its length the derivative by the texture's first axis
+        along = side[:, None] * (a * v[:, 1:] - b * u[:, 1:])
         tangent = unit_rows(along - (along * normal).sum(axis=1, keepdims=True) * normal)
         axes = np.stack([tangent, np.cross(normal, tangent), normal], axis=1)
         return Frames(atlas.interpolate(mesh.vertices), axes)
@@ -132,7 +131,7 @@ def solved(recording: Recording, config: TransferConfig, progress: Progress = si
     size = (config.degree + 1) ** 2
     normal, right = np.zeros((atlas.count, 3, size, size)), np.zeros((atlas.count, 3, size))
     seen_light = np.zeros(())
-    for weight, light, colour in _pictures(recording, atlas, config, progress):
+    for weight, light, colour in _pictures(recording, frames, atlas, config, progress):
         on = np.flatnonzero(weight)  # half of the hand and more is turned away
         each, weight = np.moveaxis(light[on], -1, 1), weight[on]  # (n, 3, K)
         white = bool((each == each[:, :1]).all())  # what light of one colour takes of the work is the same in each
@@ -158,10 +157,9 @@ def _matt(normal: Array, right: Array, degree: int) -> Array:
 
 
 def _pictures(
-    recording: Recording, atlas: Atlas, config: TransferConfig, progress: Progress
+    recording: Recording, frames: Sequence[Frame], atlas: Atlas, config: TransferConfig, progress: Progress
 ) -> Iterator[tuple[Array, Array, Array]]:
     """Of each picture the texels' weights (N,), their light (N, K, 3) and their colours (3, N)."""
-    frames = recording.of_kind("olat", "group").frames
     pose, surface, axes = "", None, None
     lit: dict[str, Array] = {}
     for step, frame in enumerate(sorted(frames, key=lambda frame: frame.pose_key), start=1):

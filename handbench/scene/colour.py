@@ -42,3 +42,12 @@ def unclipped_srgb(linear: Tensor) -> Tensor:
     low = 12.92 * linear
     high = 1.055 * linear.clamp_min(_KNEE) ** (1.0 / 2.4) - 0.055
     return torch.where(linear <= _KNEE, low, high)
+
+
+def unclipped_linear(shown: Tensor) -> Tensor:
+    """Display values, any shape, as linear ones, none negative; beyond white the curve goes on. Differentiable."""
+    import torch
+
+    bright = shown > _SHOWN_KNEE
+    high = ((torch.where(bright, shown, 1.0) + 0.055) / 1.055) ** 2.4
+    return torch.where(bright, high, shown.clamp_min(0.0) / 12.92)

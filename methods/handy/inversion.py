@@ -10,15 +10,13 @@ import torch
 from torch import Tensor, nn
 
 from handbench.method import Progress
-from handbench.scene.colour import unclipped_srgb
+from handbench.scene.colour import unclipped_linear, unclipped_srgb
 
 from ..kit.engine import Budget, Player, fit
 from ..kit.perceptual import patch, perceptual_loss
 from .config import HandyConfig
 from .generator import LAYERS, Generator
 from .pictures import Shot
-
-_KNEE = 0.04045  # where the sRGB curve turns from a line into a power
 
 
 class Sought(nn.Module):
@@ -51,7 +49,7 @@ class Sought(nn.Module):
                 drawn = made(self.codes)
             case _:
                 assert_never(self.config.space)
-        return linearised(drawn[0])
+        return unclipped_linear(drawn[0])
 
 
 def inverted(
@@ -115,11 +113,4 @@ def _start(made: Generator, config: HandyConfig, seed: int) -> Tensor:
 def _ratio(shot: Shot, albedo: Tensor) -> Tensor:
     """Mean linear colour (3,) of a picture over that of the texture drawn in it."""
     drawn = shot.raster.sample(albedo)[:, shot.inside].mean(dim=1)
-    return linearised(shot.image)[:, shot.inside].mean(dim=1).clamp_min(1e-4) / drawn.clamp_min(1e-4)
-
-
-def linearised(shown: Tensor) -> Tensor:
-    """Display values, any shape, as linear ones, none negative; beyond white the curve goes on. Differentiable."""
-    bright = shown > _KNEE
-    high = ((torch.where(bright, shown, 1.0) + 0.055) / 1.055) ** 2.4
-    return torch.where(bright, high, shown.clamp_min(0.0) / 12.92)
+    return unclipped_linear(shot.image)[:, shot.inside].mean(dim=1).clamp_min(1e-4) / drawn.clamp_min(1e-4)

@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from handbench.errors import Unsupported
-from handbench.hand import hand_model
+from handbench.hand import hand_model, hand_of_poses
+from handbench.hand.known import SHIPPED
 from handbench.light.lightset import light_samples
 from handbench.method import Progress, Recording
 from handbench.render.see.raster import Raster, rasterise
@@ -75,6 +76,11 @@ def sitting(enrolment: Recording, config: HandyConfig, lobe: Lobe, progress: Pro
     if chosen.frames and _is_open_hand(chosen.frames[0].mesh):
         posed = list(_tracked(chosen, config.frames))
     elif "keypoints" in chosen.gives:
+        named = hand_of_poses(frame.pose for frame in chosen.frames).name
+        if named != SHIPPED:
+            raise Unsupported(
+                f"poses are those of {named}, and textures here are for the open hand; give poses of that"
+            )
         hand = enrolled(chosen, config.frames, progress=progress)
         level = min(config.level, hand.hand.levels)
         posed = [(each.camera, each.observation, each.light, hand.mesh(each.pose, level)) for each in hand.pictures]
@@ -85,7 +91,9 @@ def sitting(enrolment: Recording, config: HandyConfig, lobe: Lobe, progress: Pro
     surfaces: dict[int, PosedSurface] = {}  # the cameras of a pose share one, and its shadows
     shots = []
     for camera, seen, light, mesh in posed:
-        surface = surfaces.setdefault(id(mesh), PosedSurface(mesh, SIZE))
+        if id(mesh) not in surfaces:
+            surfaces[id(mesh)] = PosedSurface(mesh, SIZE)
+        surface = surfaces[id(mesh)]
         close = CloseUp.of(camera, seen.image, needed(seen.alpha, "alpha"), config.side)
         shots.append(_shot(close, surface, light, config, lobe))
     showing = tuple(shot for shot in shots if shot.inside.any())

@@ -115,9 +115,9 @@ class HarpAvatar(Avatar):
         model = hand_model(as_text(state["hand"]))
         maps = (3, config.texture, config.texture)
         shapes: dict[str, tuple[int | None, ...]] = {"shape": (model.shape_size,), "ambient": ()}
-        shapes |= {"offset": (Surface(model, config.level).count,), "albedo": maps, "normal_map": maps, "light": (3,)}
-        check_shapes(folder, state, shapes)
         surface = Surface(model, config.level)
+        shapes |= {"offset": (surface.count,), "albedo": maps, "normal_map": maps, "light": (3,)}
+        check_shapes(folder, state, shapes)
         return cls(Look(config, surface, state["shape"].numpy(), *(state[name] for name in _TENSORS)))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from handbench.methods.handy import generator as module
 from handbench.methods.handy import pictures
 from handbench.methods.handy.config import PRESETS, HandyConfig
 from handbench.methods.handy.generator import LAYERS, SIZE, Generator, Modulated, built, shipped
-from handbench.methods.handy.inversion import inverted, linearised
+from handbench.methods.handy.inversion import inverted
 from handbench.methods.handy.lobe import lobe
 from handbench.methods.handy.method import HandyAvatar
 from handbench.methods.handy.pictures import Shot, Sitting, sitting
@@ -35,7 +36,7 @@ from handbench.metrics.networks import features, weights
 from handbench.recording import PARTS, Recording
 from handbench.render.uv.atlas import Atlas
 from handbench.scene import Array, Directional, Frame, Group, Mesh, Topology, Unknown, needed
-from handbench.scene.colour import linear, srgb
+from handbench.scene.colour import linear, srgb, unclipped_linear
 
 CREATE = {"phong": handy.create_phong, "ggx": handy.create_ggx}
 
@@ -150,8 +151,8 @@ def test_a_damaged_file_is_one_sentence(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 def test_the_curve_there_and_back() -> None:
     values = torch.linspace(0.0, 1.0, 101)
-    assert np.abs(linearised(values).numpy() - linear(values.numpy())).max() < 1e-6
-    assert float(linearised(torch.tensor(-0.5))) == 0.0 < 1.0 < float(linearised(torch.tensor(1.2)))
+    assert np.abs(unclipped_linear(values).numpy() - linear(values.numpy())).max() < 1e-6
+    assert float(unclipped_linear(torch.tensor(-0.5))) == 0.0 < 1.0 < float(unclipped_linear(torch.tensor(1.2)))
 
 
 # --- inversion: the mini light stage ----------------------------------------------------------------------------------
@@ -180,7 +181,7 @@ def drawn(seen: Sitting) -> tuple[torch.Tensor, tuple[Shot, ...]]:
     """A known albedo, and the pictures with what it looks like in them."""
     made = shipped()
     code = 0.7 * torch.randn(1, made.code, generator=torch.Generator().manual_seed(4))
-    albedo = linearised(made(code)[0])
+    albedo = unclipped_linear(made(code)[0])
     one = torch.ones(1)
     shots = [replace(s, image=torch.from_numpy(srgb(s.drawn(albedo, one).numpy()))) for s in seen.shots]
     return albedo, tuple(shots)
@@ -196,7 +197,7 @@ def off(found: torch.Tensor, true: torch.Tensor) -> float:
 @pytest.mark.parametrize("space", ["w", "w+", "pca"])
 def test_a_texture_is_found_in_pictures_of_it(space: Any, drawn: tuple[torch.Tensor, tuple[Shot, ...]]) -> None:
     albedo, shots = drawn
-    start = linearised(shipped()(torch.zeros(1, shipped().code))[0])
+    start = unclipped_linear(shipped()(torch.zeros(1, shipped().code))[0])
     found, exposure = inverted(shipped(), shots, replace(CONFIG, space=space), 0, silent)
     assert off(found, albedo) < 0.35 * off(start, albedo)
     assert exposure.tolist() == [1.0], "light that is told leaves no brightness free"
@@ -357,6 +358,14 @@ def test_without_a_mesh_of_the_open_hand_and_without_key_points_there_is_no_text
     strange = [replace(f, mesh=Mesh(f.mesh.vertices, flipped)) for f in told.frames]  # type: ignore[union-attr]
     with pytest.raises(Unsupported, match="tracked meshes of the open hand"):
         sitting(Recording(strange, capture.observe, told.gives), CONFIG, lobe("ggx", 0.45), silent)
+
+
+def test_a_hand_of_another_model_has_no_texture(capture: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The generator's textures are laid out for the open hand: on another's UVs they would be a wrong picture."""
+    told = enrolment(capture, gives=frozenset({"image", "alpha", "camera", "keypoints", "pose"}))
+    monkeypatch.setattr(pictures, "hand_of_poses", lambda poses: SimpleNamespace(name="mano-right"))
+    with pytest.raises(Unsupported, match="those of mano-right, and textures here are for the open hand"):
+        sitting(told, CONFIG, lobe("ggx", 0.45), silent)
 
 
 def test_pictures_without_a_hand_are_refused(capture: Any) -> None:
