@@ -79,7 +79,7 @@ def main() -> None:
 
 
 def _contrast(texture: Array, parts: dict[str, Array]) -> float:
-    """How much lighter the palm is than the back, in luminance."""
+    """How much lighter the palm is than the back, in the mean of the three channels."""
     palm, back = (float(texture[:, parts[name]].mean()) for name in ("palm", "back"))
     return palm / back
 
