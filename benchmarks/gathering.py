@@ -29,6 +29,7 @@ from handbench.methods.palm.scattering import LIFT, Scattering
 from handbench.methods.palm.visibility import BODY_SCALE, HAND_SCALE, DensityOccluder, March, MeshOccluder
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.see.raster import rasterise
+from handbench.render.volume import laplace_density
 from handbench.scene import Camera, Directional, Environment, Group
 
 MAPS = ("brightday", "nightlights")
@@ -78,7 +79,7 @@ def errors(where: Scattering, occluder: MeshOccluder, light: Environment, repeat
             for count in COUNTS:
                 runs, start = [], time.process_time()
                 for seed in range(repeats):
-                    how = Gathering(maps=way, directions=count, fresh=fresh, seed=seed)  # type: ignore[arg-type]
+                    how = Gathering(maps=way, directions=count, fresh=fresh, seed=seed)
                     runs.append(float((Gatherer(where, occluder, how).colours(light) - truth).norm() / truth.norm()))
                 seconds = (time.process_time() - start) / repeats
                 name = way if way == "combined" else f"{way}, {'each place' if fresh else 'one set'}"
@@ -105,7 +106,7 @@ def missed(where: Scattering, mesh: PosedMesh, march: March) -> tuple[float, flo
 
     def density(points: Tensor) -> Tensor:
         sdf = torch.from_numpy(scene.compute_signed_distance(tensor.from_numpy(points.numpy())).numpy())
-        return (0.5 + 0.5 * sdf.sign() * torch.expm1(-sdf.abs() / FOOT)) / FOOT
+        return laplace_density(sdf, FOOT)
 
     towards = torch.from_numpy(stage_directions(64)).float()
     some = where.at(torch.arange(0, len(where.ray), max(1, len(where.ray) // 120)))

@@ -101,12 +101,11 @@ def trilinear(place: Tensor) -> Tensor:
 def trilinear_slopes(place: Tensor) -> Tensor:
     """Derivatives (N, 3, 8) of those weights by the place."""
     (x, y, z), (u, v, w) = (1.0 - place).unbind(1), place.unbind(1)
-    one = torch.ones_like(x)
     along_x = torch.stack([-y, y, -v, v], dim=1)
     along_y = torch.stack([-x, -u, x, u], dim=1)
     floor = torch.stack([x * y, u * y, x * v, u * v], dim=1)
     sides = [torch.cat([side * z[:, None], side * w[:, None]], dim=1) for side in (along_x, along_y)]
-    return torch.stack([*sides, torch.cat([-floor * one[:, None], floor], dim=1)], dim=1)
+    return torch.stack([*sides, torch.cat([-floor, floor], dim=1)], dim=1)
 
 
 class _Interpolation(torch.autograd.Function):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from handbench.errors import InputError, unknown_name
+from handbench.errors import InputError
 from handbench.hand.canonical import AllBones, NearestBones, Starts
 from handbench.render.volume import Marching
 
@@ -235,10 +235,3 @@ PRESETS = {
         warmup=500,
     ),
 }
-
-
-def configuration(preset: str) -> Config:
-    """The settings of a preset; `InputError` with the closest names for an unknown one."""
-    if preset not in PRESETS:
-        raise unknown_name("preset of palm", preset, PRESETS)
-    return PRESETS[preset]

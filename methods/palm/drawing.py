@@ -76,7 +76,7 @@ def volume_view(posed: PosedHand, camera: Camera, scatter: int) -> View:
     pixel, towards = pixel_rays(camera, camera.box(corners))
     origins = torch.from_numpy(camera.centre).float().expand(len(towards), 3)
     rendering = render(posed, origins, towards, posed.model.config.marching, None)
-    return View(Scattering.of(posed, rendering, towards).drawn(scatter), torch.from_numpy(pixel))
+    return View(Scattering.of(posed, rendering).drawn(scatter), torch.from_numpy(pixel))
 
 
 def pixel_rays(camera: Camera, box: Box) -> tuple[Array, Tensor]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.ndimage import binary_dilation, binary_erosion
 from torch import Tensor
 
 from handbench.errors import Unsupported
@@ -16,12 +15,13 @@ from handbench.method import Recording
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.scene import Array, Camera, Frame, Mesh, Observation, Pose, needed
 
+from .pixels import SHARES, near_edge, square
 from .registration import registered
 
 _MARGIN = 6  # pixels around the hand that are trained on
 _BANK = 4096  # places around the skin of a pose
 _SPREAD = (2e-3, 8e-3)  # metres, of those that are off the skin: one half each
-_SHARES = (0.6, 0.3, 0.1)  # of rays inside the mask, at its edge, elsewhere (released code)
+_EDGE = 2  # pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ def taken(recording: Recording, hand: HandModel, register: bool, seed: int) -> l
     ones before others. With `register` poses and shapes are fitted to scans if all poses of a person have one. Raises
     `Unsupported` for a recording without frames, pictures without a hand, and poses of another hand model.
     """
-    frames = (recording.of_kind("full") if recording.of_kind("full").frames else recording).frames
+    frames = recording.of_kind("full").frames or recording.frames
     if not frames:
         raise Unsupported("palm trains on pictures of hands, and there are no training frames")
     frames = tuple(frame for frame in frames if frame.lighting == frames[0].lighting)
@@ -208,9 +208,8 @@ def drawn(pose: Taken, count: int, patch: int, rng: np.random.Generator) -> Rays
 def _pixels(alpha: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Rows and columns (count,) of random pixels: of the mask, its edge, and the rest."""
     mask = alpha > 0.5
-    edge = binary_dilation(mask, iterations=2) & ~binary_erosion(mask, iterations=2)
-    kinds = [np.flatnonzero(kind) for kind in (mask, edge, ~mask)]
-    shares = np.array([share if len(kind) else 0.0 for share, kind in zip(_SHARES, kinds, strict=True)])
+    kinds = [np.flatnonzero(kind) for kind in (mask, near_edge(mask, _EDGE), ~mask)]
+    shares = np.array([share if len(kind) else 0.0 for share, kind in zip(SHARES, kinds, strict=True)])
     of = rng.choice(3, count, p=shares / shares.sum())
     flat = np.concatenate([rng.choice(kind, int((of == k).sum())) for k, kind in enumerate(kinds) if len(kind)])
     row, column = np.divmod(flat, alpha.shape[1])
@@ -224,9 +223,4 @@ def _patch(picture: Picture, side: int, rng: np.random.Generator) -> tuple[Pictu
             f"palm compares patches of {side} x {side} pixels, and the hand in a picture of camera "
             f"{picture.camera.name!r} is {width} x {height}; take larger pictures or set a smaller patch"
         )
-    inside = np.flatnonzero(picture.alpha.numpy() > 0.5)
-    row, column = np.divmod(int(rng.choice(inside)), width)
-    top = int(np.clip(row - side // 2, 0, height - side))
-    left = int(np.clip(column - side // 2, 0, width - side))
-    rows, columns = np.mgrid[top : top + side, left : left + side]
-    return picture, rows.ravel(), columns.ravel()
+    return picture, *square(picture.alpha.numpy() > 0.5, side, rng)

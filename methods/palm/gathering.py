@@ -12,6 +12,7 @@ from torch import Tensor
 from handbench.light.lightset import LightSet, light_samples
 from handbench.light.spread import ENVIRONMENT_ERROR
 from handbench.scene import Environment, Group, Light, known_leaves
+from handbench.skips import note, skips
 
 from .directions import Sampling, gather
 from .light import MapSky, Sky
@@ -21,7 +22,6 @@ from .visibility import Occluder
 
 _PAIRS = 1 << 18
 """Pairs of places and directions that are worked on at once: 1 MB a buffer."""
-
 
 _KEPT = 608
 """Directions whose shadows are kept: cells and texels of maps of the usual size, 25 MB for 10,000 places."""
@@ -115,8 +115,11 @@ class Gatherer:
 
     def _shadows(self, towards: Tensor) -> Tensor:
         """What the places see of distant lights (D, 3): (N, D). Of as many as a map has it is kept."""
+        if not skips().known:
+            return self._occluder.of_all(self.places.point, self.places.normal, towards)
         keys = [direction.numpy().tobytes() for direction in towards]
         new = torch.tensor([key not in self._seen for key in keys])
+        note("shadows known already", new.numel() * len(self.places.ray), int((~new).sum()) * len(self.places.ray))
         seen = torch.empty(len(self.places.ray), len(towards))
         if new.any():
             seen[:, new] = self._occluder.of_all(self.places.point, self.places.normal, towards[new])

@@ -113,9 +113,9 @@ class StudioLight(nn.Module):
     64; the seed: 8).
     """
 
-    def __init__(self, count: int, seed: int = 0) -> None:
+    def __init__(self, count: int) -> None:
         super().__init__()
-        rng = np.random.default_rng([41, seed])
+        rng = np.random.default_rng([41, 0])
         sharpness = torch.from_numpy(10.0 + np.abs(20.0 * rng.standard_normal(count))).float()
         power = ENERGY / float(integrals(sharpness).sum())
         self.axes = nn.Parameter(torch.from_numpy(stage_directions(count)).float())

@@ -30,9 +30,16 @@ def patches(shown: tuple[Tensor, Tensor], side: int) -> Tensor:
 
 def mask(alpha: Tensor, rays: Rays) -> Tensor:
     """Binary cross entropy of coverage."""
-    sure = alpha.clamp(_CERTAIN, 1.0 - _CERTAIN)
-    # torch's own refuses NaN with words of its own; here it goes on to the engine, which names step and term
-    return -(rays.alpha * sure.log() + (1.0 - rays.alpha) * (1.0 - sure).log()).mean()
+    return cross_entropy(alpha, rays.alpha, _CERTAIN)
+
+
+def cross_entropy(alpha: Tensor, wanted: Tensor, least: float) -> Tensor:
+    """Binary cross entropy of coverage (R,), no closer to 0 and 1 than `least`.
+
+    torch's own refuses NaN with words of its own; here it goes on to who names step and term.
+    """
+    sure = alpha.clamp(least, 1.0 - least)
+    return -(wanted * sure.log() + (1.0 - wanted) * (1.0 - sure).log()).mean()
 
 
 def normals(rendering: Rendering, rays: Rays) -> Tensor:

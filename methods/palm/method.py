@@ -64,7 +64,7 @@ _LIGHT = ("axes", "sharpness", "amplitude")
 
 
 def _kept(chosen: Settings) -> dict[str, Any]:
-    """The settings that a kept avatar belongs to."""
+    """What a kept prior and its avatars belong to."""
     return {"prior": asdict(chosen.prior), "hand": hand_model().name}
 
 
@@ -81,8 +81,7 @@ class PalmPrior(Prior):
         Raises `Unsupported` with the fit's reason if no hand is found there, for a hand smaller than a patch, and for
         poses of another hand model than the prior's.
         """
-        first = {frame.key for frame in enrolment.frames[:1]}
-        hand = enrolled(enrolment.where(lambda frame: frame.key in first), 1)
+        hand = enrolled(enrolment, 1)
         if hand.hand.name != self.model.hand.name:
             raise Unsupported(
                 f"the poses of the enrolment are of the hand model {hand.hand.name!r}, and the prior was trained with "
@@ -93,7 +92,7 @@ class PalmPrior(Prior):
         return PalmAvatar(self._name, self._settings, person, hand.found)
 
     def save(self, folder: Path) -> None:
-        save_state(folder, self._name, asdict(self._settings.prior), self.model.state_dict())
+        save_state(folder, self._name, _kept(self._settings), self.model.state_dict())
 
     def restore(self, folder: Path) -> Avatar:
         """The avatar that was kept; its networks are this prior's."""
@@ -131,7 +130,7 @@ class Palm(Method):
         return PalmPrior(self.info.name, self._settings, model)
 
     def load(self, folder: Path) -> Prior:
-        state = load_state(folder, self.info.name, asdict(self._settings.prior))
+        state = load_state(folder, self.info.name, _kept(self._settings))
         model = PalmModel(self._settings.prior, hand_model(), len(state["phi"]))
         model.load_state_dict(state)
         return PalmPrior(self.info.name, self._settings, model)

@@ -8,12 +8,8 @@ standard deviations from the mean, and the light starts where least squares put 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal
-
 import numpy as np
 import torch
-from scipy.ndimage import binary_dilation, binary_erosion
 from torch import Tensor
 
 from handbench.errors import NonFinite, Unsupported
@@ -29,76 +25,23 @@ from ..kit.enrolled import Enrolled
 from ..kit.perceptual import perceptual_loss
 from .drawing import pixel_rays
 from .light import StudioLight
+from .losses import cross_entropy
 from .model import Codes, PalmModel
 from .person import Person
+from .pixels import SHARES, near_edge, square
 from .posed import PosedHand, render
 from .reflectance import Form
 from .scattering import Scattering
+from .settings import Fit
 from .shading import physical
 from .startlight import as_bright, solved, transfer
 from .visibility import MeshOccluder, MovedOccluder
 
 _TELL = 10  # steps
-_KINDS = (0.6, 0.3, 0.1)  # of rays: on the hand, near its edge, elsewhere (released)
 _EDGE = 3  # pixels
+_CERTAIN = 1e-4  # a pixel that should be covered costs no more than its logarithm
 _FEW = 500  # pixels that a light is started by
 _SPACING = 2.5e-3  # metres, of the mesh that hides light
-
-
-@dataclass(frozen=True)
-class FitWeights:
-    """Of the losses: L1 of radiance field and of reflected light, mask, code, patches; released values.
-
-    The released weight of a code is 1e-3 of its squares; of coefficients in standard deviations it is the same.
-    """
-
-    radiance: float = 1.0
-    physical: float = 0.2
-    mask: float = 0.1
-    code: float = 1e-3
-    perceptual: float = 0.1
-
-
-@dataclass(frozen=True)
-class FitRates:
-    """Of Adam: codes, pose (radians, metres), shape (in standard deviations), light."""
-
-    code: float = 5e-4
-    pose: float = 1e-5
-    shape: float = 1e-5
-    light: float = 1e-3
-
-
-@dataclass(frozen=True)
-class Fit:
-    """How a person is found in a picture.
-
-    steps        of Adam, with `rays` and a patch of `patch` x `patch` pixels each (0: none); side: of the close-up
-    samples      directions of a ray's reflected light, each at a place of its own, or all at each of `places`
-    components   of the training subjects' codes that are moved; whitened: in standard deviations about the mean of the
-                 codes, or (released) unit vectors about zero
-    lit_from     share of steps from which on reflected light counts and the light moves
-    light        "fitted", or "fixed": the studio's, as bright as the picture (the seed's ablation)
-    solved       whether a fitted light starts by least squares
-    falling      share by which all rates fall to the end, in a straight line
-    rebuild      steps between two searches for the places where the hand is, and for what it hides
-    """
-
-    steps: int = 5200
-    rays: int = 256
-    patch: int = 32
-    side: int = 512
-    samples: int = 512
-    places: int | None = None
-    components: int = 5
-    whitened: bool = False
-    lit_from: float = 0.385
-    light: Literal["fitted", "fixed"] = "fitted"
-    solved: bool = False
-    falling: float = 0.0
-    rebuild: int = 100
-    weights: FitWeights = field(default_factory=FitWeights)
-    rates: FitRates = field(default_factory=FitRates)
 
 
 class Basis:
@@ -221,8 +164,7 @@ class _Fitter:
 
     def _found(self) -> Person:
         with torch.no_grad():
-            codes = Codes(*(part.detach() for part in self._codes()))
-            return Person(self.model, codes, self._hand()[0].detach(), self._light.gaussians())
+            return Person(self.model, self._codes(), self._hand()[0], self._light.gaussians())
 
     def _losses(self, lit: bool) -> dict[str, Tensor]:
         """The weighted losses of a step."""
@@ -235,7 +177,7 @@ class _Fitter:
         rendering = render(posed, origins, towards, self.model.config.marching, self._random)
         wanted = to_display(truth, "linear")
         losses = {
-            "mask": weights.mask * _cross_entropy(rendering.alpha, mask),
+            "mask": weights.mask * cross_entropy(rendering.alpha, mask.clamp(0.0, 1.0), _CERTAIN),
             "code": weights.code * sum((c.square().sum() for c in self._coefficients), start=torch.zeros(())),
         }
         drawn = {"radiance": rendering.radiance(posed)} if weights.radiance > 0 else {}
@@ -243,7 +185,6 @@ class _Fitter:
             drawn["physical"] = physical(
                 posed,
                 rendering,
-                towards,
                 self._light.gaussians(),
                 self._occluder(),
                 fit.samples,
@@ -262,16 +203,11 @@ class _Fitter:
     def _chosen(self) -> tuple[Tensor, int]:
         """The pixels of a step: single ones by where they are, then a square patch about the hand, row by row."""
         fit, rng = self.fit, self._random
-        single = [rng.choice(group, round(share * fit.rays)) for group, share in zip(self._groups, _KINDS, strict=True)]
+        single = [rng.choice(group, round(share * fit.rays)) for group, share in zip(self._groups, SHARES, strict=True)]
         patch = []
         if fit.patch:
-            height, width = self._close.alpha.shape
-            row, column = np.divmod(int(rng.choice(self._groups[0])), width)
-            top, left = (
-                int(np.clip(at - fit.patch // 2, 0, side - fit.patch)) for at, side in ((row, height), (column, width))
-            )
-            rows, columns = np.mgrid[top : top + fit.patch, left : left + fit.patch]
-            patch.append((rows * width + columns).ravel())
+            rows, columns = square(self._close.alpha > 0.5, fit.patch, rng)
+            patch.append(rows * self._close.alpha.shape[1] + columns)
         return torch.from_numpy(np.concatenate([*single, *patch])), fit.patch
 
     @torch.no_grad()
@@ -283,7 +219,7 @@ class _Fitter:
         towards = self._towards[some]
         origins = self._origin.expand(len(towards), 3)
         rendering = render(self._posed, origins, towards, self.model.config.marching, None)
-        places = Scattering.of(self._posed, rendering, towards).drawn(1)
+        places = Scattering.of(self._posed, rendering).drawn(1)
         light = self._light.gaussians()
         known = transfer(places, light, self._occluder(), self.form)
         how = solved if self.fit.solved and self.fit.light == "fitted" else as_bright
@@ -293,14 +229,10 @@ class _Fitter:
 def _groups(close: CloseUp) -> tuple[Array, Array, Array]:
     """Flat pixels of a close-up on the hand, near its edge, and elsewhere; all of them where a group is empty."""
     hand = close.alpha > 0.5
-    edge = binary_dilation(hand, iterations=_EDGE) & ~binary_erosion(hand, iterations=_EDGE)
+    edge = near_edge(hand, _EDGE)
     found = [np.flatnonzero(where.ravel()) for where in (hand, edge, ~hand & ~edge)]
     first, second, third = (where if len(where) else np.arange(hand.size) for where in found)
     return first, second, third
-
-
-def _cross_entropy(alpha: Tensor, mask: Tensor) -> Tensor:
-    return torch.nn.functional.binary_cross_entropy(alpha.clamp(1e-4, 1.0 - 1e-4), mask.clamp(0.0, 1.0))
 
 
 def _square(values: Tensor, side: int) -> Tensor:

@@ -102,8 +102,13 @@ class PosedHand:
     @torch.no_grad()
     def sdf(self, points: Tensor) -> Tensor:
         """Signed distances (N,) in canonical metres of points (N, 3) in the world; `FAR` without a canonical place."""
-        x, there = self.roots(self.local(points))
-        found = torch.full((len(points),), FAR)
+        return self.local_sdf(self.local(points))
+
+    @torch.no_grad()
+    def local_sdf(self, local: Tensor) -> Tensor:
+        """The same of points (N, 3) of the hand frame."""
+        x, there = self.roots(local)
+        found = torch.full((len(local),), FAR)
         found[there] = self.model.geometry(x[there], self.conditions).sdf
         return found
 
@@ -135,7 +140,6 @@ class PosedHand:
             ray=torch.arange(count),
             weight=torch.ones(count),
             point=self.placed(self.deformation.forward(x)),
-            distance=torch.zeros(count),
             x=x,
             sdf=found.sdf,
             feature=found.feature,
@@ -163,16 +167,14 @@ def _union(found: Roots, distances: Tensor) -> Tensor:
 class Rendering:
     """What R rays see: P samples with their weights, in the order of rays and front to back.
 
-    ray (P,), weight (P,); point (P, 3) in the world, distance (P,) along the ray, towards (P, 3) the ray's direction; x
-    (P, 3) canonical; sdf (P,) metres, feature (P, 1 + F), gradient (P, 3) of the distance in canonical space; normal
-    (P, 3) unit, in the world. alpha (R,) what rays are stopped by, depth (R,) the mean distance of that, 0 where
-    nothing is.
+    ray (P,), weight (P,); point (P, 3) in the world, towards (P, 3) the ray's direction; x (P, 3) canonical; sdf (P,)
+    metres, feature (P, 1 + F), gradient (P, 3) of the distance in canonical space; normal (P, 3) unit, in the world.
+    alpha (R,) what rays are stopped by, depth (R,) the mean distance of that, 0 where nothing is.
     """
 
     ray: Tensor
     weight: Tensor
     point: Tensor
-    distance: Tensor
     x: Tensor
     sdf: Tensor
     feature: Tensor
@@ -220,27 +222,17 @@ def render(
         local, towards = posed.local(origins), directions @ posed.turn
         intervals = through(posed.shell, local, towards, marching or model.config.marching, rng)
         if model.config.refine:
-            share = _weighed(posed, intervals, local, towards)[1]
+            points = local[intervals.ray, None] + intervals.middle[..., None] * towards[intervals.ray, None]
+            sdf = posed.local_sdf(points.reshape(-1, 3)).view(intervals.middle.shape)
+            share = weights(model.density(sdf), intervals.length)
             intervals = refined(intervals, share, model.config.refine, rng)
     return _gathered(posed, intervals, origins, directions)
-
-
-@torch.no_grad()
-def _weighed(posed: PosedHand, intervals: Intervals, local: Tensor, towards: Tensor) -> tuple[Tensor, Tensor]:
-    """Signed distances (Q, S) and weights (Q, S) of intervals, without gradients."""
-    points = local[intervals.ray, None] + intervals.middle[..., None] * towards[intervals.ray, None]
-    x, there = posed.roots(points.reshape(-1, 3))
-    distance = torch.full((len(x),), FAR)
-    distance[there] = posed.model.geometry(x[there], posed.conditions).sdf
-    distance = distance.view(intervals.middle.shape)
-    return distance, weights(posed.model.density(distance), intervals.length)
 
 
 def _gathered(posed: PosedHand, intervals: Intervals, origins: Tensor, directions: Tensor) -> Rendering:
     model = posed.model
     ray = intervals.ray[:, None].expand_as(intervals.middle).reshape(-1)
-    distance = intervals.middle.reshape(-1)
-    point = origins[ray] + distance[:, None] * directions[ray]
+    point = origins[ray] + intervals.middle.reshape(-1, 1) * directions[ray]
     local = posed.local(point)
     x, there = posed.roots(local.detach())
     if local.requires_grad or posed.deformation.table.requires_grad:
@@ -259,7 +251,6 @@ def _gathered(posed: PosedHand, intervals: Intervals, origins: Tensor, direction
         ray=ray[keep],
         weight=weight[keep],
         point=point[keep],
-        distance=distance[keep],
         x=x[keep],
         sdf=found.sdf,
         feature=found.feature,

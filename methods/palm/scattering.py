@@ -36,11 +36,11 @@ class Scattering:
     material: Material
 
     @staticmethod
-    def of(posed: PosedHand, rendering: Rendering, directions: Tensor) -> Scattering:
-        """The places of a march along unit directions (R, 3); those below the surface are lifted above it, too."""
+    def of(posed: PosedHand, rendering: Rendering) -> Scattering:
+        """The places of a march; those below the surface are lifted above it, too."""
         inside = (-rendering.sdf).clamp_min(0.0).detach() + LIFT
         point = rendering.point.detach() + inside[:, None] * rendering.normal.detach()
-        parts = (rendering.ray, rendering.weight, point, rendering.normal, -directions[rendering.ray])
+        parts = (rendering.ray, rendering.weight, point, rendering.normal, -rendering.towards)
         return Scattering(rendering.rays, *parts, rendering.material(posed))
 
     def total(self, values: Tensor) -> Tensor:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 from handbench.errors import unknown_name
 
@@ -12,7 +12,62 @@ from .config import PRESETS as PRIORS
 from .config import Config
 from .drawing import Drawing
 from .gathering import Gathering
-from .personalise import Fit, FitRates, FitWeights
+
+
+@dataclass(frozen=True)
+class FitWeights:
+    """Of the losses: L1 of radiance field and of reflected light, mask, code, patches; released values.
+
+    The released weight of a code is 1e-3 of its squares; of coefficients in standard deviations it is the same.
+    """
+
+    radiance: float = 1.0
+    physical: float = 0.2
+    mask: float = 0.1
+    code: float = 1e-3
+    perceptual: float = 0.1
+
+
+@dataclass(frozen=True)
+class FitRates:
+    """Of Adam: codes, pose (radians, metres), shape (in standard deviations), light."""
+
+    code: float = 5e-4
+    pose: float = 1e-5
+    shape: float = 1e-5
+    light: float = 1e-3
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How a person is found in a picture.
+
+    steps        of Adam, with `rays` and a patch of `patch` x `patch` pixels each (0: none); side: of the close-up
+    samples      directions of a ray's reflected light, each at a place of its own, or all at each of `places`
+    components   of the training subjects' codes that are moved; whitened: in standard deviations about the mean of the
+                 codes, or (released) unit vectors about zero
+    lit_from     share of steps from which on reflected light counts and the light moves
+    light        "fitted", or "fixed": the studio's, as bright as the picture (the seed's ablation)
+    solved       whether a fitted light starts by least squares
+    falling      share by which all rates fall to the end, in a straight line
+    rebuild      steps between two searches for the places where the hand is, and for what it hides
+    """
+
+    steps: int = 5200
+    rays: int = 256
+    patch: int = 32
+    side: int = 512
+    samples: int = 512
+    places: int | None = None
+    components: int = 5
+    whitened: bool = False
+    lit_from: float = 0.385
+    light: Literal["fitted", "fixed"] = "fitted"
+    solved: bool = False
+    falling: float = 0.0
+    rebuild: int = 100
+    weights: FitWeights = field(default_factory=FitWeights)
+    rates: FitRates = field(default_factory=FitRates)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 def physical(
     posed: PosedHand,
     rendering: Rendering,
-    directions: Tensor,
     light: SphericalGaussians,
     occluder: Occluder | None,
     samples: int,
@@ -39,12 +38,12 @@ def physical(
     form: Form = "released",
     places: int | None = None,
 ) -> Tensor:
-    """Linear colours (R, 3), premultiplied, of rays in unit directions (R, 3) that were marched through a posed hand.
+    """Linear colours (R, 3), premultiplied, of rays that were marched through a posed hand.
 
     `samples` directions a ray, each of a place of its own, or all of each of `places`. Without an occluder nothing is
     hidden. Differentiable in the light and in all that the rendering has a gradient in.
     """
-    scattering = Scattering.of(posed, rendering, directions)
+    scattering = Scattering.of(posed, rendering)
     if places is None:
         return dealt(scattering.drawn(samples, rng), light, occluder, samples, rng, form)
     return shared(scattering.drawn(places, rng), light, occluder, samples, rng, form)

@@ -106,9 +106,7 @@ class Lesson:
         if config.physical and share >= config.light_from:
             shadows = MeshOccluder(PosedMesh(pose.mesh))
             gaussians = self.model.light.gaussians()
-            made = physical(
-                posed, found, rays.directions, gaussians, shadows, config.scattered, rng, places=config.places
-            )
+            made = physical(posed, found, gaussians, shadows, config.scattered, rng, places=config.places)
             shown = losses.colours(made, found.alpha.detach(), rays, background)
             terms["physical"] = config.physical * (shown[0] - shown[1]).abs().mean()
         return {**terms, **self._latent(sample)}
@@ -135,8 +133,8 @@ class Lesson:
         """
         config, bank = self.config, self.poses[sample].bank
         half = len(bank.points) // 2
-        drawn = [rng.integers(half, size=count // 2), half + rng.integers(half, size=count - count // 2)]
-        chosen = torch.from_numpy(np.concatenate(drawn))
+        halves = [rng.integers(half, size=count // 2), half + rng.integers(half, size=count - count // 2)]
+        chosen = torch.from_numpy(np.concatenate(halves))
         roots = canonicalise(posed.deformation, posed.local(bank.points[chosen]), NearestBones(1))
         there = roots.valid[:, 0]
         x, chosen = roots.x[there, 0], chosen[there]

@@ -182,3 +182,9 @@ def test_a_hand_without_skinning_weights_is_refused() -> None:
         WeightField.of(hand)
     with pytest.raises(InputError, match="spacing"):
         WeightField.of(SyntheticMano(), spacing=0.0)
+
+
+@pytest.mark.parametrize("count", [0, 5])
+def test_roots_are_searched_from_one_to_four_nearest_bones(count: int) -> None:
+    with pytest.raises(InputError, match=f"nearest {count} bones"):
+        NearestBones(count)

@@ -55,7 +55,14 @@ class Ball:
     def at(self, x: Tensor) -> March:
         normal = torch.nn.functional.normalize(x, dim=1)
         return March(
-            torch.arange(len(x)), torch.ones(len(x)), x + self.middle, normal, torch.zeros(len(x)), self, len(x)
+            torch.arange(len(x)),
+            torch.ones(len(x)),
+            x + self.middle,
+            normal,
+            torch.zeros(len(x)),
+            torch.zeros(len(x), 3),
+            self,
+            len(x),
         )
 
 
@@ -68,6 +75,7 @@ class March:
     point: Tensor
     normal: Tensor
     sdf: Tensor
+    towards: Tensor
     ball: Ball
     rays: int
 
@@ -100,4 +108,5 @@ def render(posed: Ball, origins: Tensor, directions: Tensor, marching: object, r
     sdf = posed.sdf(points)
     normal = torch.nn.functional.normalize(points - posed.middle, dim=1)
     kept = weight.detach() > 1e-5
-    return March(ray[kept], weight[kept], points[kept], normal[kept], sdf[kept], posed, len(origins))
+    samples_of = (weight[kept], points[kept], normal[kept], sdf[kept], directions[ray[kept]])
+    return March(ray[kept], *samples_of, posed, len(origins))

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from handbench.errors import InputError
 from handbench.hand import hand_model
-from handbench.methods.palm.config import PRESETS, Config, configuration
+from handbench.methods.palm.config import PRESETS, Config
 from handbench.methods.palm.encoding import Encoding, HashGrid, TriPlane
 from handbench.methods.palm.fields import (
     GeometryField,
@@ -18,6 +18,7 @@ from handbench.methods.palm.fields import (
     real_harmonics,
 )
 from handbench.methods.palm.model import PalmModel
+from handbench.methods.palm.settings import settings
 
 ASPECT = [0.5, 1.0, 0.4]
 
@@ -190,7 +191,7 @@ def test_presets_say_what_the_seed_and_the_code_say() -> None:
     assert PRESETS["released"].levels == 32 and PRESETS["released"].geometry == (64,)
     assert PRESETS["released"].eikonal == 1e-5 and PRESETS["released"].beta == 0.3
     with pytest.raises(InputError, match="quick"):
-        configuration("quik")
+        settings("quik", None)
     with pytest.raises(InputError, match="bones"):
         Config(bones=9)
     with pytest.raises(InputError, match="beta"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import open3d.core
@@ -12,7 +13,7 @@ from open3d.t.geometry import RaycastingScene
 
 from handbench.errors import InputError
 from handbench.hand.openhand import OpenHand
-from handbench.methods.palm import create
+from handbench.methods.palm import create, method
 from handbench.methods.palm.method import PalmAvatar, PalmPrior
 from handbench.methods.palm.model import PalmModel
 from handbench.methods.palm.person import Person
@@ -77,7 +78,9 @@ def test_another_camera_shares_the_pose(prior: PalmPrior) -> None:
     assert np.array_equal(shared.image, avatar(prior).pose(viewpoint(other)).relight(SUN).image)
 
 
-def test_priors_and_avatars_answer_alike_from_disk(prior: PalmPrior, tmp_path: Path) -> None:
+def test_priors_and_avatars_answer_alike_from_disk(
+    prior: PalmPrior, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("prior", "avatar"):
         (tmp_path / name).mkdir()
     own = avatar(prior)
@@ -89,6 +92,10 @@ def test_priors_and_avatars_answer_alike_from_disk(prior: PalmPrior, tmp_path: P
         assert np.array_equal(first.image, second.image)
     with pytest.raises(InputError, match="were trained with"):
         create("quick").load(tmp_path / "prior")
+    with monkeypatch.context() as patched:
+        patched.setattr(method, "hand_model", lambda: SimpleNamespace(name="another hand"))
+        with pytest.raises(InputError, match="another hand"):
+            create("smoke").load(tmp_path / "prior")
     with pytest.raises(InputError, match="are of 'palm-net' of schema"):
         create("smoke", "fixed-light").load(tmp_path / "prior")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -19,13 +19,14 @@ from handbench.methods.kit.enrolled import Enrolled, Seen
 from handbench.methods.palm import personalise
 from handbench.methods.palm.drawing import pixel_rays
 from handbench.methods.palm.light import StudioLight
-from handbench.methods.palm.personalise import Basis, Fit, FitRates, FitWeights, personalised
+from handbench.methods.palm.personalise import Basis, personalised
 from handbench.methods.palm.scattering import Scattering
+from handbench.methods.palm.settings import Fit, FitRates, FitWeights
 from handbench.methods.palm.shading import shared
 from handbench.methods.palm.startlight import solved
 from handbench.scene import Camera, Observation
 
-from .palmball import Ball, render
+from .palmball import Ball, March, render
 
 HAND = OpenHand.load()
 CAMERA = Camera(
@@ -84,7 +85,7 @@ def picture(ball: Ball, light: SphericalGaussians) -> tuple[Tensor, Tensor]:
     """Colours (R, 3) and alpha (R,) of the camera's pixels."""
     towards = pixel_rays(CAMERA, CAMERA.whole)[1]
     march = render(ball, torch.from_numpy(CAMERA.centre).float().expand(len(towards), 3), towards, None, None)
-    places = Scattering.of(march, march, towards).drawn(4)  # type: ignore[arg-type]
+    places = Scattering.of(march, march).drawn(4)  # type: ignore[arg-type]
     return shared(places, light, None, 512, np.random.default_rng(0)), march.alpha
 
 
@@ -128,6 +129,16 @@ def test_a_hand_smaller_than_a_patch_and_a_broken_step_are_told() -> None:
     broken = replace(QUICK, weights=replace(QUICK.weights, mask=float("nan")))
     with pytest.raises(NonFinite, match="mask of step 1 of a fit is not finite"):
         personalised(Model(), enrolled(), broken, "released", 0, silent)
+
+
+def test_a_hand_that_is_not_finite_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nowhere(*seen: Any) -> March:
+        march = render(*seen)
+        return replace(march, weight=march.weight * torch.nan)
+
+    monkeypatch.setattr(personalise, "render", nowhere)
+    with pytest.raises(NonFinite, match="mask of step 1 of a fit is not finite"):
+        personalised(Model(), enrolled(), QUICK, "released", 0, silent)
 
 
 def test_basis_is_the_principal_components_of_the_codes() -> None:

@@ -21,6 +21,7 @@ from handbench.methods.kit.engine import Player, fit
 from handbench.methods.palm.config import PRESETS, Config
 from handbench.methods.palm.frames import Taken, drawn, taken
 from handbench.methods.palm.model import PalmModel
+from handbench.methods.palm.pixels import square
 from handbench.methods.palm.registration import registered
 from handbench.methods.palm.training import Lesson, trained
 from handbench.scene import Observation, Pose
@@ -128,6 +129,15 @@ def test_rays_show_the_pixels_that_they_go_through(recording: Recording, poses: 
         place, _ = cameras[name].project(rays.origins[k].double().numpy() + 0.5 * rays.directions[k].double().numpy())
         column, row = np.floor(place).astype(int)
         assert np.allclose(seen[name].image[row, column], rays.image[k].numpy(), atol=1e-3)
+
+
+def test_a_patch_is_about_the_hand_and_somewhere_where_the_mask_is_faint() -> None:
+    hand = np.zeros((20, 30), dtype=bool)
+    hand[3, 28] = True
+    rows, columns = square(hand, 8, np.random.default_rng(0))
+    assert hand[rows, columns].any() and len(rows) == 64 and columns.max() == 29
+    rows, columns = square(np.zeros_like(hand), 8, np.random.default_rng(0))
+    assert len(rows) == 64 and rows.max() < 20 and columns.max() < 30
 
 
 def test_what_cannot_be_trained_on_is_refused(recording: Recording, poses: list[Taken]) -> None:

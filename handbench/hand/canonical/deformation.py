@@ -15,6 +15,7 @@ from .weightfield import WeightField
 
 _REACH = 0.022  # metres from the posed skin: the middle of a palm is closer
 _CELL = 4e-3  # metres between the places whose nearest bones are known
+MOST = 4  # nearest bones that are known of a place
 _AROUND = 16  # coarse vertices among which the nearest bones are looked for
 
 
@@ -68,10 +69,10 @@ def _applied(values: Tensor, x: Tensor) -> Tensor:
 class Nearest:
     """Of each node of a lattice around the posed hand, its nearest coarse vertices, no two of one bone.
 
-    vertices (G, K), -1 where there are no more bones among the nearest vertices or the skin is out of reach.
+    vertices (G, `MOST`), -1 where there are no more bones among the nearest vertices or the skin is out of reach.
     """
 
-    def __init__(self, deformation: Deformation, most: int = 4) -> None:
+    def __init__(self, deformation: Deformation) -> None:
         field = deformation.field
         with torch.no_grad():
             self.posed = deformation.forward(field.coarse)
@@ -82,11 +83,11 @@ class Nearest:
         there = torch.from_numpy(distance < _REACH)
         vertices = torch.from_numpy(found).where(there, 0)
         owner = field.bone[vertices].where(there, -1)
-        self.vertices = torch.full((len(vertices), most), -1)
-        taken = torch.full((len(vertices), most), -1)
+        self.vertices = torch.full((len(vertices), MOST), -1)
+        taken = torch.full((len(vertices), MOST), -1)
         count = torch.zeros(len(vertices), dtype=torch.long)
         for column, own in zip(vertices.T, owner.T, strict=True):
-            rows = ((own >= 0) & (taken != own[:, None]).all(dim=1) & (count < most)).nonzero()[:, 0]
+            rows = ((own >= 0) & (taken != own[:, None]).all(dim=1) & (count < MOST)).nonzero()[:, 0]
             self.vertices[rows, count[rows]] = column[rows]
             taken[rows, count[rows]] = own[rows]
             count[rows] += 1

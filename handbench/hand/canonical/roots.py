@@ -8,7 +8,8 @@ from typing import TypeAlias
 import torch
 from torch import Tensor
 
-from .deformation import Deformation
+from ...errors import InputError
+from .deformation import MOST, Deformation
 
 CONVERGED = 1e-5
 """Metres: a root's image is closer to its point."""
@@ -27,13 +28,19 @@ class AllBones:
 
 @dataclass(frozen=True)
 class NearestBones:
-    """Search from the `count` bones whose skin is nearest, at most 4, each from its nearest vertex.
+    """Search from the `count` bones whose skin is nearest, 1 to 4 of them, each from its nearest vertex.
 
     Points that are more than 22 mm from the posed skin are not searched and have no root. Two bones find both roots
     between touching fingers; where more sheets meet, as in a fist, ask for more.
     """
 
     count: int = 2
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.count <= MOST:
+            raise InputError(
+                f"roots from the nearest {self.count} bones are not searched; give 1 to {MOST}, or `AllBones`"
+            )
 
 
 Starts: TypeAlias = AllBones | NearestBones

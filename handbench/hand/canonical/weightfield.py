@@ -18,6 +18,7 @@ from ..handmodel import HandModel
 SPACING = 4e-3
 """Metres between nodes. Coarser ones blur the weights between neighbouring fingers."""
 
+_NEAREST = 5  # vertices that a node takes its weights from
 _LEAST = 1e-4  # metres: closer vertices count alike
 _MARGIN = 0.02  # metres of the lattice around the hand
 
@@ -47,10 +48,10 @@ class WeightField:
     bone: Tensor
 
     @staticmethod
-    def of(hand: HandModel, shape: ArrayLike | None = None, spacing: float = SPACING, nearest: int = 5) -> WeightField:
+    def of(hand: HandModel, shape: ArrayLike | None = None, spacing: float = SPACING) -> WeightField:
         """The field around a shape at rest, by default the neutral one.
 
-        A node takes the weights of its `nearest` vertices, each by one over its distance, as PALM-Net's code does
+        A node takes the weights of its five nearest vertices, each by one over its distance, as PALM-Net's code does
         (a grid of 64^3 nodes, 5.2 mm apart). That code makes a field for each person; around the neutral hand one field
         serves all, and where a person's hand is larger or smaller is part of the deformation.
 
@@ -59,7 +60,7 @@ class WeightField:
         if not spacing > 0.0:
             raise InputError(f"weight field: the spacing is {spacing}; give metres above 0")
         if shape is None:
-            return _neutral(hand, spacing, nearest)
+            return _neutral(hand, spacing)
         level = min(1, hand.levels)
         known = np.asarray(hand.weights(level))
         if known.ndim != 2 or known.shape[1] != len(hand.joint_names) or not known.any(axis=1).all():
@@ -71,10 +72,9 @@ class WeightField:
         coarse, _ = hand.rest_points(around)
         rest = hand.subdivide(coarse, level)
         lattice = Lattice.around(rest.numpy(), _MARGIN, spacing)
-        distance, vertices = cKDTree(rest.numpy()).query(lattice.nodes().numpy(), nearest)
-        share = 1.0 / np.maximum(distance.reshape(lattice.size, -1), _LEAST)
+        distance, vertices = cKDTree(rest.numpy()).query(lattice.nodes().numpy(), _NEAREST)
+        share = 1.0 / np.maximum(distance, _LEAST)
         share /= share.sum(axis=1, keepdims=True)
-        vertices = vertices.reshape(lattice.size, -1)
         weights = (known[vertices] * share[..., None]).sum(axis=1)
         near = torch.from_numpy(weights.astype(np.float32)), torch.from_numpy(vertices)
         shares = torch.from_numpy(share.astype(np.float32))
@@ -94,6 +94,6 @@ class WeightField:
 
 
 @lru_cache(maxsize=4)
-def _neutral(hand: HandModel, spacing: float, nearest: int) -> WeightField:
+def _neutral(hand: HandModel, spacing: float) -> WeightField:
     """The field around a hand model's neutral shape; the last few are kept, as hand models are."""
-    return WeightField.of(hand, np.asarray(hand.neutral()), spacing, nearest)
+    return WeightField.of(hand, np.asarray(hand.neutral()), spacing)
