@@ -58,6 +58,9 @@ def test_list_does_not_load_what_it_lists(capsys):
             "handbench: unknown capture 'openstag'; did you mean 'openstage' or 'openscans'?\n",
         ),
         (["run", "absent.toml"], "handbench: protocol file absent.toml does not exist; check its path\n"),
+        (["relight", "a.avatar", "--light", "hall", "--out", "."], "handbench: --out . names no video, picture or"),
+        (["personalise", "uhm", "--from", "mine", "--out", "."], "handbench: --out . has no name; "),
+        (["personalise", "uhm", "--from", "x", "--out", "y", "--licence", "a\nb"], "handbench: --licence is no line"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(command, message, capsys, tmp_path, monkeypatch):
@@ -85,6 +88,7 @@ def test_debug_shows_the_traceback(monkeypatch, capsys):
         *(["run", "quick", *wrong] for wrong in (["--methods", ","], ["--fast"], ["--preset", ""], ["--cpus", "0"])),
         ["check", "mean", "--preset", " "],
         ["geometry", "smoke", "--seed", "-1"],
+        *(["relight", "a.avatar", "--light", "hall", "--out", "a.png", "--exposure", x] for x in ("3000", "nan", "")),
         ["gate", "a", "--baseline", "b", "--quality", "psnr=1e999"],
         ["gate", "a", "--baseline", "b", "--quality", f"{'9' * 400}%"],
     ],

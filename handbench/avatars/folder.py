@@ -46,7 +46,14 @@ def _inside(text: str) -> bool:
 
 
 Inside = Annotated[str, Rule("a path inside of the folder", _inside)]
-Line = Annotated[str, Rule("a line of text", lambda text: 0 < len(text) <= 2000 and text.isprintable())]
+
+
+def is_line(text: str) -> bool:
+    """Whether a text can stand in an avatar's record."""
+    return 0 < len(text) <= 2000 and text.isprintable()
+
+
+Line = Annotated[str, Rule("a line of text", is_line)]
 Side = Annotated[int, Rule("a size of 1 to 16384 pixels", lambda value: 1 <= value <= 16384)]
 
 
@@ -226,16 +233,15 @@ def _repertoire(record: AvatarRecord, arrays: dict[str, Array]) -> Repertoire:
         each.name: Camera(each.name, each.width, each.height, K, placed)
         for each, K, placed in zip(record.cameras, arrays["K"], arrays["world_to_camera"], strict=True)
     }
-    told = sum(each.pose for each in record.postures)
-    poses = iter([Pose(*parts) for parts in zip(*(arrays[name] for name in _POSE), strict=True)] if told else [])
-    meshes: Iterator[Mesh] = iter(())
-    if any(each.mesh for each in record.postures):
+    poses: dict[str, Pose] = {}
+    meshes: dict[str, Mesh] = {}
+    if posed := [each.name for each in record.postures if each.pose]:
+        every = zip(*(arrays[name] for name in _POSE), strict=True)
+        poses = {name: Pose(*parts) for name, parts in zip(posed, every, strict=True)}
+    if shaped := [each.name for each in record.postures if each.mesh]:
         topology = Topology(arrays["faces"], arrays.get("uvs"), arrays.get("uv_faces"))
-        meshes = (Mesh(vertices, topology) for vertices in arrays["vertices"])
-    postures = {}
-    for each in record.postures:
-        pose, mesh = next(poses) if each.pose else None, next(meshes) if each.mesh else None
-        postures[each.name] = Posture(each.name, pose, mesh)
+        meshes = {name: Mesh(points, topology) for name, points in zip(shaped, arrays["vertices"], strict=True)}
+    postures = {each.name: Posture(each.name, poses.get(each.name), meshes.get(each.name)) for each in record.postures}
     body = None if record.body is None else Body(record.body.hand, arrays["shape"], record.body.level)
     views = tuple((view[0], view[1]) for view in record.views)
     return Repertoire(record.subject, postures, cameras, views, body)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -9,12 +10,12 @@ import numpy as np
 
 from ..bench import given
 from ..bench.isolation import isolated
-from ..bench.opening import open_data, select
+from ..bench.opening import select
 from ..bench.plan import check_preset, make_method
 from ..bench.progress import Steps
-from ..bench.protocol import Protocol, digest
+from ..bench.protocol import digest
 from ..bench.reader import CaptureReader
-from ..bench.run import find_protocol
+from ..bench.reopening import capture_of, protocol_of
 from ..bench.store import Store
 from ..data.capture import Capture
 from ..errors import InputError, Unsupported, unknown_name
@@ -24,7 +25,6 @@ from ..method import Avatar, Method, MethodInfo, Prior
 from ..recording import Recording
 from ..registry import METHODS
 from ..results.reading import Run, read_run
-from ..results.record import MethodRecord
 from ..scene import Array, Query
 from .portrait import Portrait, licence_of
 from .repertoire import Body, Repertoire
@@ -50,16 +50,13 @@ def from_run(
     that is another one than the run's; `Unsupported` if the subject cannot be personalised.
     """
     run = read_run(folder)
-    record = _method_of(run, method)
-    found = _protocol_of(run, protocol)
-    seed = run.plan.seeds[0] if seed is None else seed
-    made = make_method(METHODS.entry(method), record.preset)
+    made, preset = _method_of(run, method)
+    found = protocol_of(run, protocol)
+    seed = run.plan.seeds_for(method)[0] if seed is None else seed
     if made.info.truth or not made.info.timed:
         raise InputError(f"{made.info.title} looks recorded pictures up and draws none; name another method")
     prior, key = _prior_of(run, made, method, seed)
-    capture = open_data(found, data, told)
-    if capture.digest != run.plan.capture.digest:
-        raise InputError(f"{folder} ran on another capture than the one that is there; give its place with --data")
+    capture = capture_of(run, found, data, told)
     selected = select(found, capture)
     enrolled = sorted({frame.subject for frame in selected.enrol})
     who = found.subjects[0] if subject is None else subject
@@ -75,7 +72,7 @@ def from_run(
     shape = next((frame.shape for frame in frames if frame.shape is not None and "shape" in gives), None)
     repertoire = Repertoire.of(queries, _body(capture, made.info, shape, queries), avatar.found)
     source = f"{who} of {capture.name} ({capture.digest[:16]}), protocol {found.label}, seed {seed}"
-    about = (record.preset, dict(made.config), prior, avatar, repertoire, source, licence_of(capture.hand))
+    about = (preset, dict(made.config), prior, avatar, repertoire, source, licence_of(capture.hand))
     return Portrait(made.info.title, made.info, *about, digest([key, found.digest, who, seed]))
 
 
@@ -104,6 +101,7 @@ def from_capture(
     pictures that lack what the method needs or in which it finds no hand.
     """
     check_preset((METHODS.entry(name),), None if preset == "quick" else preset)
+    key = ""  # of the training
     if prior_run is None:
         method = make_method(METHODS.entry(name), preset)
         if method.info.trains_on:
@@ -116,9 +114,8 @@ def from_capture(
             prior = method.train(enrolment.where(lambda frame: False), seed)
     else:
         run = read_run(prior_run)
-        preset = _method_of(run, name).preset
-        method = make_method(METHODS.entry(name), preset)
-        prior, _ = _prior_of(run, method, name, run.plan.seeds[0])
+        method, preset = _method_of(run, name)
+        prior, key = _prior_of(run, method, name, run.plan.seeds_for(name)[0])
     lacking = method.info.needs - (capture.offers & enrolment.gives) - given.kinds_of(enrolment.frames)
     if lacking:
         raise Unsupported(f"{method.info.title} needs {given.worded(lacking)}, which {capture.name} does not have")
@@ -129,9 +126,8 @@ def from_capture(
     repertoire = Repertoire.of(queries, _body(capture, method.info, shape, queries), avatar.found)
     source = f"{len(enrolment.frames)} pictures of {subject} in {capture.name}"
     about = (preset, dict(method.config), prior, avatar, repertoire, source, licence or licence_of(capture.hand))
-    return Portrait(
-        method.info.title, method.info, *about, digest([capture.digest, method.config, seed, str(prior_run)])
-    )
+    decided = digest([name, method.config, capture.digest, [frame.key for frame in enrolment.frames], seed, key])
+    return Portrait(method.info.title, method.info, *about, decided)
 
 
 def _personalised(prior: Prior, enrolment: Recording, seed: int, told: Steps, label: str) -> Avatar:
@@ -139,25 +135,21 @@ def _personalised(prior: Prior, enrolment: Recording, seed: int, told: Steps, la
         return prior.personalise(enrolment, seed, told(label))
 
 
-def _method_of(run: Run, name: str) -> MethodRecord:
+def _method_of(run: Run, name: str) -> tuple[Method, str]:
+    """A method of a run, and its preset. Raises `InputError` for one that is not in it, or had other settings there:
+    a run tells the values of settings, and not what changed them."""
     known = [method.name for method in run.plan.methods]
     if name not in known:
         raise unknown_name(f"method of {run.folder}:", name, known)
-    return run.plan.method(name)
-
-
-def _protocol_of(run: Run, name: str | None) -> Protocol:
-    plan = run.plan.protocol
-    try:
-        found = find_protocol(name or plan.name)
-    except InputError as error:
-        raise InputError(f"{error} ({run.folder} ran {plan.label}; give its file with --protocol)") from error
-    if found.digest != plan.digest:
+    record = run.plan.method(name)
+    method = make_method(METHODS.entry(name), record.preset)
+    there, here = (json.loads(json.dumps(config)) for config in (record.config, method.config))
+    if there is not None and there != here:
         raise InputError(
-            f"{run.folder} ran another {plan.label} than {name or 'the registered one'}; give its file with "
-            "--protocol, or run it again"
+            f"{run.folder} ran {name} with other settings than {record.preset} has, and only trainings of a preset as "
+            "it is can be shown; run it again without --set"
         )
-    return found
+    return method, record.preset
 
 
 def _prior_of(run: Run, method: Method, name: str, seed: int) -> tuple[Prior, str]:

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from ..errors import Unsupported
-from ..method import Avatar, MethodInfo, Prior
-from ..scene import Light, kind_of, leaves
-from .repertoire import Repertoire
+from ..method import Avatar, MethodInfo, PosedAvatar, Prior
+from ..scene import Camera, Light, Viewpoint, kind_of, leaves
+from .repertoire import Repertoire, same_camera
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A posed avatar, and the camera that it was last drawn for."""
+
+    camera: Camera
+    posed: PosedAvatar
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +47,15 @@ class Portrait:
         for single in leaves(light):
             if kind_of(single) not in self.info.lights:
                 raise Unsupported(f"{self.info.title} cannot draw {kind_of(single)} lights")
+
+    def posed(self, viewpoint: Viewpoint, held: Held | None) -> Held:
+        """The avatar before a viewpoint's camera; `held` has the same pose, None: it is posed anew."""
+        if held is not None:
+            if same_camera(held.camera, viewpoint.camera):
+                return held
+            with suppress(Unsupported):
+                return Held(viewpoint.camera, held.posed.seen_by(viewpoint.camera))
+        return Held(viewpoint.camera, self.avatar.pose(viewpoint))
 
 
 def licence_of(hand: str | None) -> str:

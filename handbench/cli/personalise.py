@@ -56,12 +56,16 @@ def add(verbs: Any) -> None:
 
 
 def _personalise(arguments: argparse.Namespace) -> int:
-    from ..avatars.folder import write_avatar
+    from ..avatars.folder import is_line, write_avatar
     from ..bench.progress import steps
     from ..device import on_device
     from ..files import check_folder
 
     _check_company(arguments)
+    if not arguments.out.name:
+        raise InputError(f"--out {arguments.out} has no name; name the folder that the avatar is to be")
+    if arguments.licence is not None and not is_line(arguments.licence):
+        raise InputError("--licence is no line of text of at most 2,000 characters; leave line breaks out")
     check_folder(arguments.out, "name another folder with --out")
     with on_device(arguments.device), steps() as told:
         portrait = _from_folder(arguments, told) if arguments.run is None else _from_run(arguments, told)

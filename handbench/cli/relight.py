@@ -52,7 +52,7 @@ def add(verbs: Any) -> None:
     relight.add_argument("--seconds", type=number, metavar="S", help="of each light (default: 4, or one frame a pose)")
     relight.add_argument("--fps", type=number, default=24.0, metavar="N", help="frames a second (default: 24)")
     relight.add_argument(
-        "--exposure", type=float, metavar="STOPS", help="of what is shown (default: what suits all frames together)"
+        "--exposure", type=stops, metavar="STOPS", help="of what is shown (default: what suits all frames together)"
     )
     relight.add_argument(
         "--out", type=Path, required=True, metavar="FILE", help=".mp4 or .gif; .png or .exr for stills; or a folder"
@@ -104,8 +104,8 @@ def _relight(arguments: argparse.Namespace) -> int:
     from ..relighting.video import VIDEOS, check_video
 
     out, suffix = arguments.out, arguments.out.suffix.lower()
-    if suffix not in (*VIDEOS, ".png", ".exr", ""):
-        raise InputError(f"--out {out} is no video, picture or folder; end it in .mp4, .gif, .png, .exr, or nothing")
+    if suffix not in (*VIDEOS, ".png", ".exr", "") or not out.name:
+        raise InputError(f"--out {out} names no video, picture or folder; end it in .mp4, .gif, .png, .exr, or nothing")
     check_video(out)
     (check_file if suffix else check_folder)(out)
     lights = tuple(NamedLight.parse(text) for text in arguments.light)
@@ -174,7 +174,9 @@ def _poses(path: Path, flat: str | None, shown: Sequence[Portrait]) -> tuple[Pos
 
 def _check_wish(wish: Wish, suffix: str, count: int, out: Path) -> None:
     """Raises `InputError` where what is asked for and where it shall go do not fit."""
-    if suffix in (".mp4", ".gif") and not wish.moves and len(wish.lights) == 1:
+    from ..relighting.video import VIDEOS
+
+    if suffix in VIDEOS and not wish.moves and len(wish.lights) == 1:
         raise InputError(f"nothing moves in {out}: give --turn-light, --turntable or several poses, or name a .png")
     if suffix in (".png", ".exr") and wish.moves:
         raise InputError(f"{out} is one picture; name an .mp4, a .gif, or a folder for frames")
@@ -223,6 +225,17 @@ def number(text: str) -> float:
         value = 0.0
     if not 0.0 < value <= 1e5:
         raise argparse.ArgumentTypeError(f"{text!r} is no number above 0")
+    return value
+
+
+def stops(text: str) -> float:
+    """From -30 to 30 stops."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 99.0
+    if not -30.0 <= value <= 30.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of stops from -30 to 30")
     return value
 
 

@@ -7,7 +7,6 @@ import shutil
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -15,16 +14,15 @@ from statistics import median
 import numpy as np
 
 from .. import __version__
-from ..avatars.portrait import Portrait
-from ..avatars.repertoire import same_camera
+from ..avatars.portrait import Held, Portrait
 from ..bench.isolation import isolated
 from ..bench.progress import Steps
 from ..bench.protocol import digest
 from ..data.exr import read_exr, rgb, stack, write_exr
-from ..errors import InputError, NonFinite, StorageError, Unsupported
+from ..errors import InputError, NonFinite, StorageError
 from ..files import read_json, whole, writing
-from ..method import PosedAvatar, Progress
-from ..scene import Array, Camera, Environment, Prediction, Viewpoint
+from ..method import Progress
+from ..scene import Array, Environment, Prediction
 from .shots import Shots, Wish
 
 _PLAN = "frames.json"
@@ -69,40 +67,28 @@ class Frames:
 def draw(portraits: Sequence[Portrait], wish: Wish, folder: Path, told: Steps) -> tuple[Frames, list[Times]]:
     """Draw what is missing of a relighting into a folder, and what that took, portrait by portrait.
 
-    Frames of another relighting in the folder are removed. Raises `Unsupported` for a light or pose outside a method's
-    abilities, `NonFinite` for a picture that is none, and `StorageError` if the folder cannot be written.
+    Frames of another relighting in the folder are removed. Raises `InputError` for portraits with different numbers of
+    frames, `Unsupported` for a light or pose outside a method's abilities, `NonFinite` for a picture that is none, and
+    `StorageError` if the folder cannot be written.
     """
     shots = [Shots(portrait, wish) for portrait in portraits]
-    frames = Frames(folder, len(shots[0]), len(portraits))
+    counts = [len(each) for each in shots]
+    if len(set(counts)) > 1:
+        several = " and ".join(str(len(each.postures)) for each in shots)
+        raise InputError(f"the avatars have {several} poses; give --seconds, over which those of each are spread")
+    frames = Frames(folder, counts[0], len(portraits))
     _prepare(folder, digest([__version__, wish.said(), [portrait.digest for portrait in portraits]]))
     maps = [light.read() for light in wish.lights]
+    for portrait, shown in zip(portraits, shots, strict=True):
+        shown.viewpoint(0)
+        for each in maps:
+            portrait.check(each)
     times = []
     with ThreadPoolExecutor(1) as disk:
         for index, (portrait, shown) in enumerate(zip(portraits, shots, strict=True)):
-            for each in maps:
-                portrait.check(each)
             with isolated():
                 times.append(_drawn(portrait, shown, index, frames, maps, disk, told(f"{portrait.name}: frames")))
     return frames, times
-
-
-@dataclass(frozen=True, eq=False)
-class _Held:
-    """A posed avatar, and the frame and camera that it was last drawn for."""
-
-    frame: int
-    camera: Camera
-    posed: PosedAvatar
-
-
-def _posed(portrait: Portrait, held: _Held | None, frame: int, viewpoint: Viewpoint) -> _Held:
-    """The avatar before a viewpoint's camera; `held` has the same pose, None: it is posed anew."""
-    if held is not None:
-        if same_camera(held.camera, viewpoint.camera):
-            return _Held(frame, held.camera, held.posed)
-        with suppress(Unsupported):
-            return _Held(frame, viewpoint.camera, held.posed.seen_by(viewpoint.camera))
-    return _Held(frame, viewpoint.camera, portrait.avatar.pose(viewpoint))
 
 
 def _drawn(
@@ -116,13 +102,14 @@ def _drawn(
 ) -> Times:
     times = Times()
     waiting: list[Future[None]] = []
-    held: _Held | None = None
+    held: Held | None = None
+    last = 0  # the frame that was drawn last
     for frame in range(len(shots)):
         if not frames.path(frame, index).is_file():
             light, viewpoint = shots.light(frame, maps), shots.viewpoint(frame)
-            known = held is not None and shots.same_pose(held.frame, frame)
+            known = held is not None and shots.same_pose(last, frame)
             start = time.perf_counter()
-            held = _posed(portrait, held if known else None, frame, viewpoint)
+            held, last = portrait.posed(viewpoint, held if known else None), frame
             answer = held.posed.relight(light)
             (times.known_pose if known else times.new_pose).append(1e3 * (time.perf_counter() - start))
             waiting.append(disk.submit(_write, frames.path(frame, index), _sound(portrait, answer)))

@@ -93,10 +93,11 @@ class Shots:
             return 1
         if wish.seconds is None and wish.sequence:
             return len(self.postures)
-        count = round((4.0 if wish.seconds is None else wish.seconds) * wish.fps)
+        seconds = 4.0 if wish.seconds is None else wish.seconds
+        count = round(seconds * wish.fps)
         if not 1 <= count * len(wish.lights) <= MOST_FRAMES:
             raise InputError(
-                f"{wish.seconds:g} seconds at {wish.fps:g} frames a second are {count} frames for each light; "
+                f"{seconds:g} seconds at {wish.fps:g} frames a second are {count} frames for each light; "
                 f"give 1 to {MOST_FRAMES} frames in all"
             )
         return count

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from dataclasses import fields
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -18,7 +19,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 from ..errors import HandbenchError, InputError, shortened
 from ..terminal import printable
-from .session import Session, View
+from .session import Glance, Session
 
 _PAGE = {
     "/": ("index.html", "text/html; charset=utf-8"),
@@ -55,6 +56,10 @@ class Server(ThreadingHTTPServer):
         except (OSError, OverflowError) as error:
             why = getattr(error, "strerror", None) or error
             raise InputError(f"port {port} cannot be used ({why}); choose another with --port") from error
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        if not isinstance(sys.exception(), ConnectionError):  # the page has moved on
+            super().handle_error(request, client_address)
 
     @property
     def address(self) -> str:
@@ -117,18 +122,15 @@ class _Handler(BaseHTTPRequestHandler):
         for name, value in {"Content-Type": kind, "Content-Length": str(len(body)), **_HEADERS, **(more or {})}.items():
             self.send_header(name, value)
         self.end_headers()
-        try:
-            self.wfile.write(body)
-        except (BrokenPipeError, ConnectionResetError):  # the page has moved on
-            self.close_connection = True
+        self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Requests are not logged: there are many, and their texts are the browser's."""
 
 
-def _view(query: dict[str, str]) -> View:
+def _view(query: dict[str, str]) -> Glance:
     """The view that a query asks for. Raises `InputError` for an unknown name, or a value that is no number."""
-    known = {field.name: field.type for field in fields(View)}
+    known = {field.name: field.type for field in fields(Glance)}
     values: dict[str, Any] = {}
     for name, text in query.items():
         if name not in known:
@@ -142,4 +144,4 @@ def _view(query: dict[str, str]) -> View:
         values[name] = value
     if "avatar" not in values:
         raise InputError("a view is of an avatar; give its number")
-    return View(**values)
+    return Glance(**values)

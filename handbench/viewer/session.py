@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from ..avatars.portrait import Portrait
-from ..avatars.repertoire import orbited, resized, same_camera
+from ..avatars.portrait import Held, Portrait
+from ..avatars.repertoire import orbited, resized
 from ..data.lights import NamedLight
-from ..errors import InputError, NonFinite, Unsupported
+from ..errors import InputError, NonFinite
 from ..light.environment import resize, rotate
 from ..method import PosedAvatar
 from ..relighting.showing import EXPOSED
@@ -29,7 +29,7 @@ _QUALITY = 90
 
 
 @dataclass(frozen=True)
-class View:
+class Glance:
     """What is asked of an avatar: a pose and a camera by number, the camera's way around the hand in degrees, its zoom,
     a map by number, the light's turn in degrees, and stops of exposure beside what suits the map."""
 
@@ -54,13 +54,11 @@ class Drawn:
 class Session:
     """Avatars, maps, and the size of pictures. Pictures of one avatar are drawn one after the other."""
 
-    def __init__(
-        self, portraits: Sequence[Portrait], lights: Sequence[NamedLight], size: tuple[int, int] | None = None
-    ) -> None:
+    def __init__(self, portraits: Sequence[Portrait], lights: Sequence[NamedLight], size: tuple[int, int]) -> None:
         self.portraits, self.lights, self.size = tuple(portraits), tuple(lights), size
         self.postures = [list(portrait.repertoire.postures.values()) for portrait in portraits]
         self._locks = [threading.Lock() for _ in portraits]
-        self._held: list[tuple[int, Camera, PosedAvatar] | None] = [None for _ in portraits]
+        self._held: list[tuple[int, Held] | None] = [None for _ in portraits]
         self._exposures: dict[int, float] = {}
         self._exposing = threading.Lock()
         self.map = lru_cache(maxsize=32)(self._map)
@@ -81,7 +79,7 @@ class Session:
             "lights": [light.label for light in self.lights],
         }
 
-    def draw(self, view: View) -> Drawn:
+    def draw(self, view: Glance) -> Drawn:
         """The picture of a view. Raises `InputError` for a number that there is not, and what the method raises."""
         self._check(view)
         factor = self._exposure(view.light) * 2.0**view.exposure
@@ -102,37 +100,28 @@ class Session:
         Image.fromarray(eight_bit(radiance * factor)).save(out, "JPEG", quality=_QUALITY)
         return out.getvalue()
 
-    def _drawn(self, view: View) -> Prediction:
+    def _drawn(self, view: Glance) -> Prediction:
         with self._locks[view.avatar]:
             answer = self._posed(view).relight(self._turned(view.light, view.turn))
         if not np.isfinite(answer.image).all():
             raise NonFinite(f"{self.portraits[view.avatar].name} drew values that are NaN or infinite")
         return answer
 
-    def _posed(self, view: View) -> PosedAvatar:
+    def _posed(self, view: Glance) -> PosedAvatar:
         """The avatar in the view's pose, before its camera: what was drawn last is turned if the pose is the same."""
         portrait, posture = self.portraits[view.avatar], self.postures[view.avatar][view.pose]
         shown = portrait.repertoire
         camera = self._first(view.avatar, posture.name)
         if (view.yaw, view.pitch, view.zoom) != (0.0, 0.0, 1.0):
             camera = orbited(camera, shown.middle(posture), view.yaw, view.pitch, view.zoom)
-        held = self._held[view.avatar]
-        if held is not None and held[0] == view.pose:
-            if same_camera(held[1], camera):
-                return held[2]
-            try:
-                posed = held[2].seen_by(camera)
-            except Unsupported:
-                posed = portrait.avatar.pose(shown.viewpoint(posture, camera))
-        else:
-            posed = portrait.avatar.pose(shown.viewpoint(posture, camera))
-        self._held[view.avatar] = view.pose, camera, posed
-        return posed
+        pose, held = self._held[view.avatar] or (view.pose, None)
+        held = portrait.posed(shown.viewpoint(posture, camera), held if pose == view.pose else None)
+        self._held[view.avatar] = view.pose, held
+        return held.posed
 
     def _first(self, avatar: int, posture: str | None = None) -> Camera:
         shown = self.portraits[avatar].repertoire
-        camera = shown.camera_of(posture or self.postures[avatar][0].name)
-        return camera if self.size is None else resized(camera, *self.size)
+        return resized(shown.camera_of(posture or self.postures[avatar][0].name), *self.size)
 
     def _map(self, light: int) -> Environment:
         found = self.lights[light].read()
@@ -148,11 +137,11 @@ class Session:
         """The factor that suits a map, for all avatars: from the first one's first pose under it."""
         with self._exposing:
             if light not in self._exposures:
-                answer = self._drawn(View(0, light=light))
+                answer = self._drawn(Glance(0, light=light))
                 self._exposures[light] = EXPOSED / max(_bright(answer), 1e-6)
             return self._exposures[light]
 
-    def _check(self, view: View) -> None:
+    def _check(self, view: Glance) -> None:
         if not 0 <= view.avatar < len(self.portraits):
             raise InputError(f"there is no avatar {view.avatar}; give 0 to {len(self.portraits) - 1}")
         counts = {"pose": len(self.postures[view.avatar]), "light": len(self.lights)}

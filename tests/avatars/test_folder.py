@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -9,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.avatars.folder import FILE, read_avatar, read_record, write_avatar
+from handbench.avatars.folder import _POSE, FILE, read_avatar, read_record, write_avatar
 from handbench.avatars.portrait import Portrait
 from handbench.data.lights import NamedLight
-from handbench.errors import InputError, StorageError, Unsupported
+from handbench.errors import Damaged, InputError, StorageError, Unsupported
 from handbench.method import Avatar
 
 
@@ -101,6 +102,18 @@ def test_changed_missing_and_strange_files_are_named(kept: Path) -> None:
         read_avatar(kept)
     weights.symlink_to("/etc/passwd")
     with pytest.raises(InputError, match="is a link"):
+        read_avatar(kept)
+
+
+@pytest.mark.parametrize("name", ["joints", "vertices"])
+def test_fewer_arrays_than_poses_are_damage(kept: Path, name: str) -> None:
+    path = kept / "repertoire.npz"
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    arrays |= {each: arrays[each][:1] for each in ({name} if name == "vertices" else {*_POSE})}
+    np.savez_compressed(path, **arrays)
+    edited(kept, files={**read_record(kept).files, path.name: hashlib.sha256(path.read_bytes()).hexdigest()})
+    with pytest.raises(Damaged, match=r"repertoire\.npz is damaged"):
         read_avatar(kept)
 
 

@@ -111,6 +111,20 @@ def test_another_camera_sees_the_same(portrait: Portrait) -> None:
     assert np.abs(shared.image - anew.image).mean() < 0.005 * anew.image.mean() and anew.image.max() > 0.05
 
 
+def test_avatars_with_different_numbers_of_poses_are_told_before_any_is_drawn(
+    portrait: Portrait, tmp_path: Path
+) -> None:
+    shown = portrait.repertoire
+    fewer = replace(shown, postures={"rest": shown.posture("rest")}, views=shown.views[:1])
+    other = replace(portrait, name="other", repertoire=fewer)
+    wish = Wish((HALL,), pose="all")
+    with pytest.raises(InputError, match="2 and 1 poses; give --seconds"):
+        draw([portrait, other], wish, tmp_path / "f", TOLD)
+    assert not (tmp_path / "f").exists()
+    frames, _ = draw([portrait, other], replace(wish, seconds=3 / 24), tmp_path / "f", TOLD)
+    assert frames.count == 3 and all(frames.path(frame, 1).is_file() for frame in range(3))
+
+
 def test_poses_follow_each_other(portrait: Portrait) -> None:
     shown = portrait.repertoire
     rest, turned = (shown.posture(name).pose for name in ("rest", "turned"))
@@ -166,6 +180,8 @@ def test_mp4_without_the_extra_is_one_sentence(monkeypatch: pytest.MonkeyPatch, 
 def test_too_long_and_unknown_are_told(portrait: Portrait) -> None:
     with pytest.raises(InputError, match="20000 frames"):
         len(Shots(portrait, Wish((HALL,), turntable=True, seconds=9e4)))
+    with pytest.raises(InputError, match="4 seconds at 90000 frames a second"):
+        len(Shots(portrait, Wish((HALL,), turntable=True, fps=9e4)))
     with pytest.raises(InputError, match="did you mean 'rest'"):
         Shots(portrait, Wish((HALL,), pose="rst")).viewpoint(0)
     with pytest.raises(InputError, match="unknown camera 'back'"):

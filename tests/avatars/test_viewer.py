@@ -5,7 +5,10 @@ from __future__ import annotations
 import io
 import json
 import shutil
+import socket
+import struct
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from http.client import HTTPConnection
@@ -18,7 +21,7 @@ from handbench.avatars.portrait import Portrait
 from handbench.data.lights import NamedLight
 from handbench.errors import InputError
 from handbench.viewer.server import Server
-from handbench.viewer.session import Session, View
+from handbench.viewer.session import Glance, Session
 
 
 @pytest.fixture(scope="module")
@@ -43,17 +46,19 @@ def opened(jpeg: bytes) -> np.ndarray:
 
 
 def test_pictures_follow_the_view(session: Session) -> None:
-    front = opened(session.draw(View(0)).jpeg)
+    front = opened(session.draw(Glance(0)).jpeg)
     assert front.shape == (64, 48, 3) and 190 < np.percentile(front, 99.5) <= 255
-    assert opened(session.draw(View(1)).jpeg).mean() < 0.9 * front.mean()  # one exposure for both
-    for view in (View(0, yaw=60), View(0, turn=120), View(0, light=1), View(0, pose=1), View(0, exposure=-1)):
+    assert opened(session.draw(Glance(1)).jpeg).mean() < 0.9 * front.mean()  # one exposure for both
+    for view in (Glance(0, yaw=60), Glance(0, turn=120), Glance(0, light=1), Glance(0, pose=1), Glance(0, exposure=-1)):
         assert np.abs(opened(session.draw(view).jpeg) - front).mean() > 1.0, view
-    assert np.array_equal(opened(session.draw(View(0)).jpeg), front)  # back where it began
+    assert np.array_equal(opened(session.draw(Glance(0)).jpeg), front)  # back where it began
     assert opened(session.thumbnail(0, 90.0)).shape == (64, 128, 3)
 
 
-@pytest.mark.parametrize("view", [View(2), View(0, pose=9), View(0, light=-1), View(0, zoom=0.0), View(0, exposure=99)])
-def test_numbers_that_there_are_not_are_told(session: Session, view: View) -> None:
+@pytest.mark.parametrize(
+    "view", [Glance(2), Glance(0, pose=9), Glance(0, light=-1), Glance(0, zoom=0.0), Glance(0, exposure=99)]
+)
+def test_numbers_that_there_are_not_are_told(session: Session, view: Glance) -> None:
     with pytest.raises(InputError, match="give"):
         session.draw(view)
 
@@ -126,6 +131,16 @@ def test_its_own_page_is_answered(server: Server) -> None:
 def test_bad_requests_get_a_sentence(server: Server, path: str, message: str) -> None:
     status, _, body = asked(server, path)
     assert status == 422 and message in json.loads(body)["error"]
+
+
+def test_a_page_that_has_gone_is_no_fault(server: Server, capfd: pytest.CaptureFixture[str]) -> None:
+    with socket.create_connection(("127.0.0.1", server.server_port)) as gone:
+        gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # closing resets
+        gone.sendall(b"GET / HT")
+        time.sleep(0.2)
+    time.sleep(0.3)
+    assert asked(server, "/state")[0] == 200
+    assert capfd.readouterr().err == ""
 
 
 def test_other_methods_and_a_taken_port(server: Server, session: Session) -> None:

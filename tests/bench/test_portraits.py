@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -28,7 +29,7 @@ def ran(
     fakes: ModuleType, toy_protocol: Callable[..., Protocol], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Path:
     protocol = toy_protocol()
-    monkeypatch.setattr("handbench.avatars.making.find_protocol", lambda name: protocol)
+    monkeypatch.setattr("handbench.bench.reopening.find_protocol", lambda name: protocol)
     run(protocol, ["oracle", "toy", "toy-crash-train"], [0, 1], out=tmp_path / "run")
     return tmp_path / "run"
 
@@ -64,9 +65,26 @@ def test_what_a_run_cannot_give_is_told(
     with pytest.raises(InputError, match=r"run\.json"):
         from_run(tmp_path, "toy", "s01", told)
     other = toy_protocol(metrics=["ssim"])
-    monkeypatch.setattr("handbench.avatars.making.find_protocol", lambda name: other)
-    with pytest.raises(InputError, match=r"ran another toy@1.*--protocol"):
+    monkeypatch.setattr("handbench.bench.reopening.find_protocol", lambda name: other)
+    with pytest.raises(InputError, match=r"protocol toy@1 is not the one that .* was run with \(toy@1.*--protocol"):
         from_run(ran, "toy", "s01", told)
+
+
+def test_a_method_that_ran_with_other_settings_or_seeds(
+    ran: Path, fakes: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = read_run(ran)
+    plan = replace(found.plan, seeds=(7,), seeds_of={"toy": (1, 0)})
+    monkeypatch.setattr("handbench.avatars.making.read_run", lambda folder: replace(found, plan=plan))
+    assert "seed 1" in from_run(ran, "toy", "s01", told).source
+    changed = [replace(each, config={"gain": 9}) if each.name == "toy" else each for each in plan.methods]
+    plan = replace(plan, methods=tuple(changed))
+    with pytest.raises(InputError, match=r"ran toy with other settings .* without --set"):
+        from_run(ran, "toy", "s01", told)
+    capture = fakes.open_toy("tiny")
+    enrolment = capture.recording(f for f in capture.frames() if f.subject == "s01" and f.kind == "full")
+    with pytest.raises(InputError, match=r"ran toy with other settings .* without --set"):
+        from_capture(capture, enrolment, "toy", told, prior_run=ran)
 
 
 def test_pictures_of_ones_own(fakes: ModuleType, ran: Path) -> None:

@@ -10,16 +10,15 @@ from types import ModuleType
 from typing import Any, TypeAlias
 
 from ...bench.cell import Bench
-from ...bench.opening import open_data, select
+from ...bench.opening import select
 from ...bench.plan import Plan, make_plan
 from ...bench.priors import Priors
 from ...bench.progress import steps
 from ...bench.protocol import Protocol, Selected
 from ...bench.reader import CaptureReader
-from ...bench.run import find_protocol
+from ...bench.reopening import capture_of, protocol_of
 from ...bench.store import Store
 from ...data.capture import Capture
-from ...errors import InputError
 from ...registry import METHODS
 from ...results.reading import read_run
 from ...results.record import CellRecord, MethodRecord, RunRecord
@@ -112,21 +111,7 @@ def scored_queries(cell: CellRecord) -> list[str]:
 def gather(folder: Path, tables: Tables, protocol: str | None, data: Path | None) -> Evidence:
     """The evidence of a run; see `audit` for what is raised."""
     run = read_run(folder)
-    told, data_of_run = run.plan.protocol, run.plan.capture
-    try:
-        found = find_protocol(protocol or told.name)
-    except InputError as error:
-        raise InputError(f"{error}; the run is of {told.label}, give its file with --protocol") from error
-    if found.digest != told.digest:
-        raise InputError(
-            f"protocol {found.label} is not the one that {folder} was run with ({told.label}); "
-            "give the run's own file with --protocol"
-        )
+    found = protocol_of(run, protocol)
     with steps() as progress:
-        capture = open_data(found, data, progress)
-    if capture.digest != data_of_run.digest:
-        raise InputError(
-            f"capture {capture.name} has digest {capture.digest}, {folder} was run on {data_of_run.digest}; "
-            "name the folder of the run's own capture with --data"
-        )
+        capture = capture_of(run, found, data, progress)
     return Evidence(run.store, run.plan, run.cells, found, capture, tables)

@@ -56,10 +56,11 @@ async function ask(avatar) {
       avatar.canvas.dataset.count = avatar.count;
       const ms = Number(answer.headers.get("X-Milliseconds"));
       avatar.time.textContent = `${ms.toFixed(0)} ms` + (avatar.rate ? ` · ${avatar.rate.toFixed(1)} / s` : "");
-      fail("");
+      avatar.error = "";
     } catch (error) {
-      fail(error.message || "the viewer's server does not answer; start it again");
+      avatar.error = error.message || "the viewer's server does not answer; start it again";
     }
+    fail(avatars.map((each) => each.error).find(Boolean) || "");
   }
   avatar.busy = false;
 }
@@ -173,7 +174,7 @@ async function open() {
     caption.append(name, time);
     figure.append(canvas, caption);
     $("stage").append(figure);
-    return { ...told, number: index, canvas, time, count: 0, busy: false, wanted: false, drawn: 0 };
+    return { ...told, number: index, canvas, time, count: 0, busy: false, wanted: false, drawn: 0, error: "" };
   });
   const longest = state.avatars.reduce((one, other) => (other.poses.length > one.poses.length ? other : one));
   longest.poses.forEach((name, index) => $("pose").add(new Option(name, index)));
