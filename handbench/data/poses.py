@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..files import whole
@@ -135,6 +136,12 @@ def _sane(owner: str, pose: Pose) -> Pose:
     if away > _REACH:
         raise InputError(f'{owner}: the hand is {away:.3g} m away; if these are millimetres, say units = "millimetres"')
     return pose
+
+
+def turned(pose: Pose, world: Array) -> Pose:
+    """A pose after the world is turned by a rotation (3, 3)."""
+    rotation = (Rotation.from_matrix(world) * Rotation.from_rotvec(pose.rotation.copy())).as_rotvec()
+    return Pose(pose.joints, rotation, world @ pose.translation)
 
 
 def write_poses(

@@ -278,6 +278,16 @@ def test_goliaths_lights_and_meshes_between_registrations(goliath: Path) -> None
     assert capture.observe(group).alpha.max() == 1, "the mask of a partially lit frame is drawn from its mesh"
 
 
+def test_goliaths_damaged_calibration_is_one_sentence(goliath: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(goliath, tmp_path / "copy"))
+    (path,) = folder.glob("*/camera_calibration.json")
+    table = json.loads(path.read_text())
+    table["KRT"][1]["K"] = [[1.0], [1.0, 2.0]]
+    path.write_text(json.dumps(table))
+    with pytest.raises(InputError, match="has no KRT with cameraId, K and T; get it anew"):
+        open_at(folder)
+
+
 def test_goliath_without_a_topology_has_no_meshes(goliath: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(goliath, tmp_path / "copy"))
     (folder / "topology.obj").unlink()

@@ -9,20 +9,19 @@ from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...errors import InputError
 from ...files import read_json
 from ...hand import HandModel, hand_model
 from ...recording import Need
-from ...scene import Array, Frame, Mesh, Observation, Pose
+from ...scene import Array, Frame, Mesh, Observation
 from ..arrays import read_array
 from ..capture import Capture
 from ..exr import read_exr
 from ..meshfile import read_mesh
 from ..pictures import Stated, read_mask, read_picture
 from ..picturesize import has_alpha
-from ..poses import Posed, read_poses
+from ..poses import Posed, read_poses, turned
 from .cameras import Cameras
 from .lights import Lights
 from .manifest import Manifest
@@ -159,7 +158,7 @@ class Folder(Capture):
             poses = read_poses(self._file(path), self._model, self._manifest.flat_hand_mean, self._manifest.unit)
             if len(poses) > 1:
                 raise InputError(f"pose file {path} holds {len(poses)} poses; give each pose a file of its own")
-            self._poses[path] = Posed(_turned(poses[0].pose, self._manifest.up), poses[0].shape)
+            self._poses[path] = Posed(turned(poses[0].pose, self._manifest.up), poses[0].shape)
         return self._poses[path]
 
     def _mesh(self, told: dict[str, str], posed: Posed | None) -> Mesh | None:
@@ -230,12 +229,6 @@ class Folder(Capture):
             raise InputError(f"depth map {path} has shape {metres.shape}, expected (H, W)")
         metres = np.where(np.isfinite(metres), metres, 0.0).astype(np.float32)
         return metres if alpha is None else metres * (alpha > 0)
-
-
-def _turned(pose: Pose, up: Array) -> Pose:
-    """A pose in the world that `up` turns the folder's into."""
-    rotation = (Rotation.from_matrix(up) * Rotation.from_rotvec(pose.rotation.copy())).as_rotvec()
-    return Pose(pose.joints, rotation, up @ pose.translation)
 
 
 def _keypoints(path: Path) -> Array:

@@ -1,7 +1,7 @@
 """Readers of captures that others publish, in their layouts, and plain folders: `open_at` tells which a folder is.
 
 interhand.py   InterHand2.6M;  harp.py: HARP;  goliath.py: Goliath's hands;  palm.py: PALM
-place.py       where they lie;  masked.py: masks from meshes;  zipped.py: files in archives
+place.py       where they lie;  masked.py: masks from meshes;  zipped.py: files in archives;  mano.py: MANO's hand
 """
 
 from __future__ import annotations

@@ -252,7 +252,9 @@ class _Stage:
                 return []
             size = self._size(images / f"{named[0]}.zip")
             return [_camera(name, *listed[name], size) for name in named]
-        except (KeyError, TypeError) as error:
+        except InputError:  # of the pictures, or of a camera by its name
+            raise
+        except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"camera file {path} has no KRT with cameraId, K and T; get it anew") from error
 
     def _size(self, path: Path) -> tuple[int, int]:

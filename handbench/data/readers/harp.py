@@ -13,23 +13,25 @@ import re
 from collections.abc import Iterator
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from ...errors import Absent, InputError
-from ...hand import hand_model
-from ...hand.handmodel import HandModel
+from ...errors import InputError
 from ...hand.mano.unpickle import read_pickle
 from ...method import Progress, silent
 from ...recording import Need
-from ...scene import Array, Camera, Frame, Mesh, Observation, Pose, Unknown
+from ...scene import Array, Camera, Frame, Observation, Pose, Unknown
 from ..capture import Capture
 from ..codes import read_codes
 from ..pictures import read_picture
 from ..picturesize import picture_size
+from ..poses import turned
+from .mano import posed, right_hand
 from .place import check_size, place_of
+
+if TYPE_CHECKING:
+    from ...hand.mano import ManoHand
 
 NAME = "harp"
 SIZES = ("released",)
@@ -61,12 +63,7 @@ class Harp(Capture):
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.name = folder, NAME
-        self._hand: HandModel | None = None
-        self._why: tuple[str, ...] = ()
-        try:
-            self._hand = hand_model("mano-right")
-        except Absent as error:
-            self._why = (f"poses and meshes are not there: {error}",)
+        self._hand, self._why = right_hand()
         self.hand = None if self._hand is None else self._hand.name
         self._places: dict[str, tuple[Path, str]] = {}
         self._frames = tuple(self._build())
@@ -124,7 +121,7 @@ class Harp(Capture):
                     if self._hand is not None:
                         shape = told["shape"]
                         pose = Pose.unread(partial(_pose, self._hand, told))
-                        mesh = Mesh.unread(partial(_vertices, self._hand, shape, pose), self._hand.topology(0))
+                        mesh = posed(self._hand, shape, pose)
                     segment = "fit" if sequence.name in FITTED else "test"
                     camera = _camera(told["cam"], size)
                     who = (subject.name, pose_name, light.name, pose, mesh, camera, light)
@@ -164,11 +161,6 @@ def _camera(cam: Array, size: tuple[int, int]) -> Camera:
     return Camera("camera", width, height, K, np.c_[_TURN, place])
 
 
-def _pose(hand: Any, told: dict[str, Array]) -> Pose:
+def _pose(hand: ManoHand, told: dict[str, Array]) -> Pose:
     pose = hand.pose_of(told["pose"], told["rot"], told["trans"], told["shape"], flat_hand_mean=False)
-    turned = Rotation.from_matrix(_TURN) * Rotation.from_rotvec(pose.rotation.copy())
-    return Pose(pose.joints, turned.as_rotvec(), _TURN @ pose.translation)
-
-
-def _vertices(hand: HandModel, shape: Array, pose: Pose) -> Array:
-    return hand.mesh(shape, pose, 0).vertices
+    return turned(pose, _TURN)

@@ -15,22 +15,24 @@ import re
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import Absent, InputError
+from ...errors import InputError
 from ...files import read_json
-from ...hand import hand_model
-from ...hand.handmodel import HandModel
 from ...method import Progress, silent
 from ...recording import Need
 from ...scene import Array, Camera, Frame, Mesh, Observation, Pose, Unknown
 from ..capture import Capture
 from ..pictures import Stated, read_mask, read_picture
 from ..picturesize import picture_size
+from .mano import posed, right_hand
 from .masked import covered
 from .place import check_size, lacking, place_of
+
+if TYPE_CHECKING:
+    from ...hand.mano import ManoHand
 
 NAME = "interhand"
 SIZES = ("released", "palm")
@@ -71,12 +73,7 @@ class InterHand(Capture):
 
     def __init__(self, folder: Path, size: str = "released") -> None:
         self.folder, self.name = folder, f"{NAME}-{size}"
-        self._hand: HandModel | None = None
-        self._why = ""
-        try:
-            self._hand = hand_model("mano-right")
-        except Absent as error:
-            self._why = f"poses and meshes are not there: {error}"
+        self._hand, self._why = right_hand()
         self.hand = None if self._hand is None else self._hand.name
         self._left_out = 0
         self.drawn_masks = not (folder / "masks").is_dir()
@@ -101,7 +98,7 @@ class InterHand(Capture):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        found = [self._why] if self._why else []
+        found = list(self._why)
         if self._left_out:
             found.append(f"{self._left_out} moments are of a left hand, of two, or without a fit, and are left out")
         if self.drawn_masks and self._hand is not None:
@@ -187,7 +184,7 @@ class InterHand(Capture):
 class _Moment:
     """What the cameras of a moment share: pose, shape and mesh, each worked out when it is asked for."""
 
-    def __init__(self, hand: HandModel | None, fit: dict[str, Any]) -> None:
+    def __init__(self, hand: ManoHand | None, fit: dict[str, Any]) -> None:
         self.pose: Pose | None = None
         self.shape: Array | None = None
         self.mesh: Mesh | None = None
@@ -195,20 +192,16 @@ class _Moment:
             self.shape = np.array(fit["shape"], np.float64)
             self.shape.flags.writeable = False
             self.pose = Pose.unread(partial(_pose, hand, fit))
-            self.mesh = Mesh.unread(partial(_vertices, hand, self.shape, self.pose), hand.topology(0))
+            self.mesh = posed(hand, self.shape, self.pose)
 
     def frame(self, subject: str, number: str, camera: Camera, segment: str, moment: int | None = None) -> Frame:
         who = (subject, number, "studio", self.pose, self.mesh, camera, _LIGHT)
         return Frame(*who, segment, "full", self.shape, moment)
 
 
-def _pose(hand: Any, fit: dict[str, Any]) -> Pose:
+def _pose(hand: ManoHand, fit: dict[str, Any]) -> Pose:
     told = np.array(fit["pose"], np.float64)
     return hand.pose_of(told[3:], told[:3], fit["trans"], fit["shape"], flat_hand_mean=False)
-
-
-def _vertices(hand: HandModel, shape: Array, pose: Pose) -> Array:
-    return hand.mesh(shape, pose, 0).vertices
 
 
 class _Annotations:

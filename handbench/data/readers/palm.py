@@ -15,19 +15,21 @@ import os
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import Absent, InputError
-from ...hand import hand_model
-from ...hand.handmodel import HandModel
+from ...errors import InputError
 from ...hand.mano.unpickle import read_numpy_object
 from ...method import Progress, silent
 from ...scene import Array, Camera, Frame, Mesh, Observation, Pose, Unknown
 from ..capture import Capture
 from ..pictures import read_mask, read_picture
+from .mano import posed, right_hand
 from .place import check_size, lacking, place_of
+
+if TYPE_CHECKING:
+    from ...hand.mano import ManoHand
 
 NAME = "palm"
 SIZES = ("released",)
@@ -54,12 +56,7 @@ class Palm(Capture):
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.name = folder, NAME
-        self._hand: HandModel | None = None
-        self._why: tuple[str, ...] = ()
-        try:
-            self._hand = hand_model("mano-right")
-        except Absent as error:
-            self._why = (f"poses and meshes are not there: {error}",)
+        self._hand, self._why = right_hand()
         self.hand = None if self._hand is None else self._hand.name
         self._places = {place.name: place for place in _subjects(folder)}
         self._digest = hashlib.sha256()
@@ -103,7 +100,7 @@ class Palm(Capture):
         if self._hand is None:
             return None, None
         pose = Pose.unread(partial(_pose, self._hand, {key: value[number] for key, value in poses.items()}, betas))
-        return pose, Mesh.unread(partial(_vertices, self._hand, betas, pose), self._hand.topology(0))
+        return pose, posed(self._hand, betas, pose)
 
 
 def _subjects(folder: Path) -> list[Path]:
@@ -145,10 +142,5 @@ def _poses(path: Path) -> tuple[dict[str, Array], Array]:
     return poses, betas
 
 
-def _pose(hand: Any, told: dict[str, Array], betas: Array) -> Pose:
-    found: Pose = hand.pose_of(told["hand_pose"], told["global_orient"], told["transl"], betas, flat_hand_mean=False)
-    return found
-
-
-def _vertices(hand: HandModel, shape: Array, pose: Pose) -> Array:
-    return hand.mesh(shape, pose, 0).vertices
+def _pose(hand: ManoHand, told: dict[str, Array], betas: Array) -> Pose:
+    return hand.pose_of(told["hand_pose"], told["global_orient"], told["transl"], betas, flat_hand_mean=False)
