@@ -123,6 +123,10 @@ def test_the_template_fits_what_is_there(folder: Path, capsys: pytest.CaptureFix
     assert FILE in capsys.readouterr().out
     capture = open_folder(folder)
     assert len(capture.frames()) == 6 and {"mesh", "pose", "alpha", "camera"} <= capture.offers
+    (folder / FILE).unlink()
+    (folder / "poses" / "pose-0.npz").write_bytes(b"no archive")
+    with pytest.raises(InputError, match=r"pose-0\.npz is damaged or no \.npz"):
+        write_template(folder)
 
 
 def test_lights_that_are_told(folder: Path) -> None:
@@ -237,6 +241,7 @@ def link(folder: Path) -> None:
         (transforms(lambda t: t.update(k1=0.1)), "the lens distorts"),
         (transforms(lambda t: t.update(frames=[])), "has no frames"),
         (transforms(lambda t: [f.update(file_path="x.png") for f in t["frames"]]), "none of its pictures is in"),
+        (transforms(lambda t: [(f.pop("fl_x"), f.update(camera_angle_x=0)) for f in t["frames"]]), "radians between 0"),
         (transforms(lambda t: t["frames"][0].update(transform_matrix=[[1]])), "give 4 rows of 4 numbers"),
         (transforms(lambda t: t["frames"][0].update(transform_matrix=(2 * np.eye(4)).tolist())), "not a rigid"),
         (link, "is a link that leads out of the folder"),

@@ -49,7 +49,10 @@ def _intrinsics(owner: str, said: dict[str, Any]) -> Array:
     if "fl_x" in said:
         across = _number(owner, said, "fl_x")
     elif "camera_angle_x" in said:
-        across = 0.5 * _number(owner, said, "w") / math.tan(0.5 * _number(owner, said, "camera_angle_x"))
+        angle = _number(owner, said, "camera_angle_x")
+        if not 0 < angle < math.pi:
+            raise InputError(f"{owner}: camera_angle_x is {angle:g}; give radians between 0 and pi")
+        across = 0.5 * _number(owner, said, "w") / math.tan(0.5 * angle)
     else:
         raise InputError(f"{owner}: fl_x is missing; give the focal length in pixels, or camera_angle_x")
     down = _number(owner, said, "fl_y") if "fl_y" in said else across

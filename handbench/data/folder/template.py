@@ -91,9 +91,13 @@ def _beside(folder: Path, images: str, first: Path) -> list[str]:
 
 
 def _hand(poses: Path) -> list[str]:
-    with zipfile.ZipFile(next(iter(sorted(poses.glob("*.npz"))))) as archive:
-        mano = "hand_pose.npy" in archive.namelist()
-    if not mano:
+    first = min(poses.rglob("*.npz"))
+    try:
+        with zipfile.ZipFile(first) as archive:
+            names = archive.namelist()
+    except (zipfile.BadZipFile, OSError, NotImplementedError) as error:
+        raise InputError(f"pose file {first} is damaged or no .npz ({error}); write it anew") from error
+    if "hand_pose.npy" not in names:
         return ['hand = "openhand"             # whose poses these are: openhand, mano-right, mano-left']
     return [
         'hand = "mano-right"           # or mano-left',
