@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import Unsupported
 from ..scene import Array, Pose
-from .fitting.rig import Rest, Rig
+from .fitting.rig import Rest, Rig, cross_matrix
 from .handmodel import HandModel
+from .twins import palm
 
 _STEPS = 12
 _POINT = 1e-3  # metres: how near key points should come
@@ -61,13 +62,13 @@ def converted(
 def _aligned(pose: Pose, source: HandModel, target: HandModel, wrist: Array) -> Pose:
     """Each bone of the target turned as the source's of that name."""
     turned = _turns(source, pose)
-    own, theirs = _bones(source), _bones(target)
+    own, theirs, roles = _bones(source), _bones(target), _roles(target)
     world: list[Array] = []
     joints = np.zeros((len(target.parents), 3))
     by_role = {role: joint for joint, role in _roles(source).items()}
     placed = turned[source.wrist] @ own[source.wrist] @ theirs[target.wrist].T
     for j, parent in enumerate(target.parents):
-        role = _roles(target).get(j)
+        role = roles.get(j)
         above = placed if parent < 0 else world[parent]
         if role is None or j == target.wrist:
             world.append(above)
@@ -99,7 +100,7 @@ def _bones(hand: HandModel) -> dict[int, Array]:
     """Axes (3, 3), as columns, of the bones at rest: along the bone, and out of the palm's plane."""
     knuckles = np.array([hand.points[chain[0]] for chain in hand.chains[1:]])
     middle = knuckles.mean(axis=0) - hand.points[hand.wrist]
-    out = np.cross(knuckles[-1] - knuckles[0], middle)
+    out = palm(hand)
     along = {joint: hand.points[hand.ends[joint]] - hand.points[joint] for chain in hand.chains for joint in chain}
     found = {}
     for joint, y in {**along, hand.wrist: middle}.items():
@@ -127,7 +128,7 @@ def _refined(start: Pose, fixed: Array | None, hand: HandModel, wanted: Array) -
         turn = rotation.as_matrix()
         rows = posed.rows[0] @ turn.T
         by_joints, by_shape = (np.einsum("ab,nbf->naf", turn, d[0]) for d in (posed.by_joints, posed.by_shape))
-        jacobian = np.concatenate([by_joints, by_shape, -_cross(rows), np.tile(np.eye(3), (21, 1, 1))], axis=2)
+        jacobian = np.concatenate([by_joints, by_shape, -cross_matrix(rows), np.tile(np.eye(3), (21, 1, 1))], axis=2)
         left = (wanted - rows - place).ravel() / _POINT
         away = np.concatenate([(joints - start.joints).ravel()[free], told, np.zeros(6)]) * limits
         system = np.concatenate([jacobian.reshape(63, -1) / _POINT, np.diag(limits)])
@@ -143,12 +144,6 @@ def _refined(start: Pose, fixed: Array | None, hand: HandModel, wanted: Array) -
 
 def _moves(hand: HandModel, joint: int, component: int) -> bool:
     return hand.limits is None or bool(np.ptp(hand.limits[joint, component]) > 0)
-
-
-def _cross(rows: Array) -> Array:
-    x, y, z = rows.T
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
 
 
 @lru_cache(maxsize=4)

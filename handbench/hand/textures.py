@@ -27,13 +27,11 @@ class ConvertedTexture:
         return f"surfaces are apart by {mean:.1f} mm on average, 95 % of texels by less than {most:.1f} mm"
 
 
-def converted_texture(
-    texture: Array, source: HandModel, target: HandModel, size: int, level: int = 1
-) -> ConvertedTexture:
+def converted_texture(texture: Array, source: HandModel, target: HandModel, size: int) -> ConvertedTexture:
     """A texture (C, R, R) over the UVs of `source` at a size and over the UVs of `target`.
 
     The neutral target takes the pose of the neutral source at rest as well as it can; each texel then shows what the
-    nearest point of the source's surface does. `level` is the subdivision at which surfaces that have one are compared.
+    nearest point of the source's surface does. Surfaces that can be subdivided are compared at level 1.
     Raises `InputError` for a texture that is no square.
     """
     texture = np.asarray(texture, np.float32)
@@ -41,8 +39,8 @@ def converted_texture(
         raise InputError(f"texture has shape {texture.shape}, expected (C, R, R)")
     rest, who = source.named_pose("rest"), source.neutral()
     found = converted(rest, who, source, target)
-    own = source.mesh(who, rest, min(level, source.levels))
-    theirs = target.mesh(found.shape, found.pose, min(level, target.levels))
+    own = source.mesh(who, rest, min(1, source.levels))
+    theirs = target.mesh(found.shape, found.pose, min(1, target.levels))
     atlas = Atlas(theirs.topology, size)
     points = (theirs.vertices[theirs.topology.faces[atlas.face]] * atlas.barycentric[..., None]).sum(axis=1)
     face, barycentric, distance = _nearest(own, points)

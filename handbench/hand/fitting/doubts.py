@@ -74,8 +74,13 @@ def unit_problem(space: Space, views: Sequence[CloseUp]) -> Problem | None:
 def _middle(space: Space, hand: Placed) -> float:
     """How far from the camera the key points of the mean hand are in a pose, metres along z."""
     rest = space.still(np.zeros(space.shape_basis.shape[1]))
+    return float(_key_points(space, rest, hand)[:, 2].mean())
+
+
+def _key_points(space: Space, rest: Rest, hand: Placed) -> Array:
+    """A hand's key points (21, 3) in the camera's frame."""
     posed = space.rig.pose(rest, space.turns(hand.angles)[None], space.free[:0], space.rig.key_points)
-    return float((posed.rows[0] @ hand.rotation.T + hand.translation)[:, 2].mean())
+    return posed.rows[0] @ hand.rotation.T + hand.translation
 
 
 def shows_a_hand(space: Space, view: CloseUp, own: Single) -> bool:
@@ -86,8 +91,7 @@ def shows_a_hand(space: Space, view: CloseUp, own: Single) -> bool:
 
 def _missed(space: Space, view: CloseUp, rest: Rest, hand: Placed) -> float:
     """The median distance in the close-up's pixels of a hand's key points from those that were seen."""
-    posed = space.rig.pose(rest, space.turns(hand.angles)[None], space.free[:0], space.rig.key_points)
-    points = posed.rows[0] @ hand.rotation.T + hand.translation
+    points = _key_points(space, rest, hand)
     return float(np.median(np.linalg.norm((view.places(points) - view.key_points)[view.seen], axis=1)))
 
 
@@ -203,9 +207,7 @@ class Judge:
 
     def _off(self, view: CloseUp, points: Array, near: Placed) -> list[Problem]:
         """Whether the hand is far from where the pose that the picture brings has it."""
-        rig = self._space.rig
-        posed = rig.pose(self._rest, self._space.turns(near.angles)[None], self._space.free[:0], rig.key_points)
-        off = points - posed.rows[0] @ near.rotation.T - near.translation
+        off = points - _key_points(self._space, self._rest, near)
         away = float(np.linalg.norm(off, axis=1).mean())
         if away < ELSEWHERE:
             return []

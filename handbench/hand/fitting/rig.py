@@ -103,7 +103,7 @@ class Rig:
         moved -= (self.below @ weights.T)[:, :, None] * place[:, :, None]
         # d x / d angle = axis × (what hangs on the joint, about the joint)
         joint, component = np.divmod(free, 3)
-        across = _cross_matrix(world_axes[:, joint, :, component].swapaxes(0, 1))
+        across = cross_matrix(world_axes[:, joint, :, component].swapaxes(0, 1))
         by_joints = np.moveaxis(moved[:, joint] @ np.swapaxes(across, 2, 3), 1, 3)
         if hand.pose_shapes is not None:
             by_joints = by_joints + blend @ self._bent_by(local, axes, pick)[..., free]
@@ -152,12 +152,12 @@ def rodrigues(turns: Array) -> tuple[Array, Array]:
     sine = np.where(small, 1.0 - angle**2 / 6, np.sin(safe) / safe)
     cosine = np.where(small, 0.5 - angle**2 / 24, (1.0 - np.cos(safe)) / safe**2)
     third = np.where(small, 1.0 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
-    cross = _cross_matrix(turns)
+    cross = cross_matrix(turns)
     square = cross @ cross
     return np.eye(3) + sine * cross + cosine * square, np.eye(3) + cosine * cross + third * square
 
 
-def _cross_matrix(vectors: Array) -> Array:
+def cross_matrix(vectors: Array) -> Array:
     """(..., 3, 3) matrices that take the cross product of vectors (..., 3) with what they are applied to."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     zero = np.zeros_like(x)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
@@ -22,9 +21,8 @@ from .unwrapped import read_layout, unwrapped
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 JOINTS = ("wrist", *(f"{finger}{k}" for finger in ("index", "middle", "little", "ring", "thumb") for k in (1, 2, 3)))
 
-TipSet = Literal["smplx", "manopth"]
-TIPS: dict[TipSet, tuple[int, ...]] = {"smplx": (744, 320, 443, 554, 671), "manopth": (745, 317, 444, 556, 673)}
-"""The vertices that are the tips of thumb, index, middle, ring and little finger, by the package that takes them."""
+TIPS = (744, 320, 443, 554, 671)
+"""The vertices that are the tips of thumb, index, middle, ring and little finger, as smplx takes them."""
 
 _SPREAD = 2.0  # standard deviations at which a random shape is cut off
 _MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -48,7 +46,6 @@ class ManoHand(HandModel):
         self,
         file: ManoFile,
         side: Side,
-        tips: TipSet = "smplx",
         layout: Path | None = None,
         right: ManoFile | None = None,
     ) -> None:
@@ -60,7 +57,7 @@ class ManoHand(HandModel):
         self.ends = np.array([JOINTS.index("middle1"), *(last.get(j, j + 1) for j in range(1, 16))])
         self.frames = np.tile(np.eye(3), (16, 1, 1))
         self.pose_shapes = file.posedirs
-        self.tip_vertices = TIPS[tips]
+        self.tip_vertices = TIPS
         self._shapes, self._layout = _mended(file, side, right), layout
         self.points = self.rest_points(self.neutral(), torch.float64)[1].numpy()
 
