@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from ..files import whole
 from ..scene import FRAME_KINDS, Directional, Frame
 from ..scene.colour import eight_bit
-from .capture import Capture
+from .capture import Capture, spread
 
 _MARGIN, _LABEL, _GAP = 64, 20, 3
 _POSES = 12
@@ -32,8 +31,7 @@ def contact_sheet(capture: Capture, cell_height: int = 112) -> Image.Image:
             [k for k in FRAME_KINDS if any(f.kind == k for f in frames)],
         )
     )
-    poses = list(dict.fromkeys(f.pose_name for f in frames))
-    poses = [poses[round(i)] for i in np.linspace(0, len(poses) - 1, min(_POSES, len(poses)))]
+    poses = spread(list(dict.fromkeys(f.pose_name for f in frames)), _POSES)
     table: dict[tuple[str, str, str, str], list[Frame]] = {}
     for frame in frames:
         table.setdefault((frame.subject, frame.camera.name, frame.pose_name, frame.kind), []).append(frame)

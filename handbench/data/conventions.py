@@ -7,47 +7,30 @@ sentence says which.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..errors import HandbenchError, Unsupported
 from ..hand import hand_model, hand_of
-from ..hand.handmodel import HandModel
 from ..render.see.posedmesh import PosedMesh
 from ..render.see.raster import Raster
-from ..scene import Array, Camera, Directional, Frame, Mesh, Observation, Point, Pose, Topology, Uncalibrated, leaves
-from .capture import Capture
+from ..scene import Array, Directional, Frame, Point, Topology, Uncalibrated, leaves
+from .capture import Capture, read, spread
 from .folder.capture import Folder
+from .overlap import ADDED, NOT_ADDED, POOR, doubt_of_overlap, look, overlap_of
 
 _FRAMES = 6  # that are looked at, spread over the capture
-_BETTER = 0.08  # of the overlap: another convention must fit so much better to be named
-_POOR = 0.6  # overlap below which the sheet should be looked at, whatever else is tried
-_SHADED = 0.2  # of the correlation with shading, as _BETTER
+_SHADED = 0.2  # of the correlation with shading: another convention must fit so much better to be named
 _MIRRORED = 0.9  # of the area of UVs
 _FAR = 0.1  # of the hand's size: how far key points may be from detected ones
 _NEARER = 0.6  # of that: how much nearer they must come to name another convention
 _ENOUGH = 6  # key points that must be seen
-_ADDED = "with poses to which the mean pose is added (flat_hand_mean = false)"
-_NOT_ADDED = "with poses to which the mean pose is not added (flat_hand_mean = true)"
-_SIZE = 96  # rows at which overlaps are measured
 # Red over blue of hands whose median red is above _BRIGHT: in the open captures 2.3 or more in linear values, mostly
 # 1.3 to 2.1 in sRGB codes, whatever skin and light.
 _GREY, _BRIGHT = 2.1, 0.25
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """A frame with its mask (H, W) bool, at few pixels, and the mesh that the capture tells of."""
-
-    frame: Frame
-    seen: Observation
-    mesh: Mesh
-    camera: Camera
-    mask: Array
 
 
 @dataclass(frozen=True)
@@ -59,17 +42,17 @@ class Checked:
     overlap: float | None
 
 
-def checked(capture: Capture, frames: Sequence[Frame] | None = None) -> Checked:
+def checked(capture: Capture) -> Checked:
     """A few frames of a capture against the conventions that are confused most."""
-    every = capture.frames() if frames is None else frames
-    some = [every[round(i)] for i in np.linspace(0, len(every) - 1, min(_FRAMES, len(every)))]
-    looked = [found for frame in some if (found := _look(capture, frame)) is not None]
+    every = capture.frames()
+    some = spread(every, _FRAMES)
     doubts = [*_of_uvs(some), *_of_colours(capture, some), *_of_key_points(capture, some)]
-    if not looked or capture.drawn_masks:
+    looked = () if capture.drawn_masks else [found for frame in some if (found := look(capture, frame)) is not None]
+    if not looked:
         return Checked(tuple(doubts), None)
-    overlap = float(np.median([_overlap(s.mesh, s.camera, s.mask) for s in looked]))
-    doubts += _of_overlap(capture, looked, overlap)
-    if overlap >= _POOR:
+    overlap = float(np.median([overlap_of(s.mesh, s.camera, s.mask) for s in looked]))
+    doubts += doubt_of_overlap(capture, looked, overlap)
+    if overlap >= POOR:
         doubts += _of_light(capture, every)
     return Checked(tuple(doubts), overlap)
 
@@ -81,7 +64,7 @@ def _of_colours(capture: Capture, frames: Sequence[Frame]) -> Iterator[str]:
     inside = []
     for frame in frames:
         with suppress(HandbenchError):  # `troubles` tells of those
-            seen = capture.observe(frame)
+            seen = read(capture, frame)
             inside.append(seen.image[(seen.alpha if seen.alpha is not None else seen.image.max(axis=-1)) > 0.9])
     if inside and (doubt := colour_doubt(np.concatenate(inside))) is not None:
         yield doubt
@@ -111,13 +94,13 @@ def _of_key_points(capture: Capture, frames: Sequence[Frame]) -> Iterator[str]:
     tried: dict[str, Array] = {"": np.zeros((len(model.joint_names), 3))}
     if capture.hand.startswith("mano-"):
         mean = model.named_pose("mean").joints
-        tried |= {_ADDED: mean, _NOT_ADDED: -mean}
+        tried |= {ADDED: mean, NOT_ADDED: -mean}
     off: dict[str, list[float]] = {told: [] for told in tried}
     for frame in frames:
         if frame.pose is None or frame.shape is None or isinstance(frame.camera, Uncalibrated):
             return
         with suppress(HandbenchError):  # `troubles` tells of those
-            seen = capture.observe(frame).keypoints
+            seen = read(capture, frame).keypoints
             if seen is None or (seen[:, 2] > 0).sum() < _ENOUGH:
                 continue
             sure = seen[:, 2] > 0
@@ -143,135 +126,6 @@ def _of_key_points(capture: Capture, frames: Sequence[Frame]) -> Iterator[str]:
         )
 
 
-# -- what the mesh covers --------------------------------------------------------------------------------------------
-
-
-def _look(capture: Capture, frame: Frame) -> _Seen | None:
-    try:
-        seen = capture.observe(frame)
-        mesh = _mesh(capture, frame)
-        if mesh is not None and not len(mesh.vertices):  # which are read here, if they are not yet
-            return None
-    except HandbenchError:  # `troubles` tells of those
-        return None
-    if mesh is None or seen.alpha is None or isinstance(frame.camera, Uncalibrated) or not (seen.alpha > 0.5).any():
-        return None
-    step = max(1, frame.camera.height // _SIZE)
-    return _Seen(
-        frame, seen, mesh, _smaller(frame.camera, step), seen.alpha[step // 2 :: step, step // 2 :: step] > 0.5
-    )
-
-
-def _mesh(capture: Capture, frame: Frame) -> Mesh | None:
-    """The mesh of a frame: tracked, or that of the hand model in its pose."""
-    if frame.mesh is not None:
-        return frame.mesh
-    if capture.hand is None or frame.pose is None or frame.shape is None:
-        return None
-    return hand_model(capture.hand).mesh(frame.shape, frame.pose, 0)
-
-
-def _smaller(camera: Camera, step: int) -> Camera:
-    """A camera of every step-th pixel, from the one in the middle of the first."""
-    height = len(range(step // 2, camera.height, step))
-    width = len(range(step // 2, camera.width, step))
-    K = camera.K.copy()
-    K[:2] /= step
-    K[:2, 2] += 0.5 - (step // 2 + 0.5) / step
-    return Camera(camera.name, width, height, K, camera.world_to_camera)
-
-
-def _overlap(mesh: Mesh, camera: Camera, mask: Array) -> float:
-    covered = Raster(PosedMesh(mesh), camera, 1).alpha > 0.5
-    return float((covered & mask).sum() / max((covered | mask).sum(), 1))
-
-
-def _of_overlap(capture: Capture, looked: Sequence[_Seen], overlap: float) -> Iterator[str]:
-    others = dict(_others(capture))
-    tried = {}
-    for told, change in others.items():
-        try:
-            tried[told] = float(np.median([_overlap(*change(seen)) for seen in looked]))
-        except HandbenchError:  # such a camera or such a hand cannot be
-            continue
-    best = max(tried, key=lambda told: tried[told], default=None)
-    if best is not None and tried[best] > max(overlap + _BETTER, _POOR):
-        yield (
-            f"the hand as it is told and the masks share {overlap:.0%} of what they cover; {best} it would be "
-            f"{tried[best]:.0%}"
-        )
-    elif overlap < _POOR:
-        yield (
-            f"the hand as it is told and the masks share only {overlap:.0%} of what they cover, and no convention "
-            "that is known does better; look at the sheet"
-        )
-
-
-_Change = Callable[[_Seen], tuple[Mesh, Camera, Array]]
-
-
-def _others(capture: Capture) -> Iterator[tuple[str, _Change]]:
-    """Other conventions, each with what it changes."""
-    for factor, told in ((0.001, "in millimetres, not metres,"), (0.01, "in centimetres, not metres,")):
-        yield f"were it {told}", _vertices(lambda v, factor=factor: v * factor)  # type: ignore[misc]
-    yield "were its cameras in millimetres, not metres,", _placed(lambda m: np.c_[m[:, :3], 0.001 * m[:, 3]])
-    yield "were it in metres, not millimetres,", _vertices(lambda v: v * 1000.0)
-    yield (
-        "with y and z of its cameras turned round (OpenGL's axes for OpenCV's)",
-        _placed(lambda m: m * [[1.0], [-1], [-1]]),
-    )
-    yield "with cameras from camera to world, not world to camera,", _placed(_inverse)
-    yield "with masks upside down", lambda s: (s.mesh, s.camera, s.mask[::-1])
-    yield "with masks from right to left", lambda s: (s.mesh, s.camera, s.mask[:, ::-1])
-    if capture.hand is not None and capture.hand.startswith("mano-"):
-        model = hand_model(capture.hand)
-        mean = model.named_pose("mean").joints
-        yield _ADDED, _joints(model, mean)
-        yield _NOT_ADDED, _joints(model, -mean)
-        yield f"as the other hand (not {capture.hand})", _other_side(model)
-
-
-def _vertices(change: Callable[[Array], Array]) -> _Change:
-    return lambda s: (Mesh(change(s.mesh.vertices), s.mesh.topology), s.camera, s.mask)
-
-
-def _placed(change: Callable[[Array], Array]) -> _Change:
-    return lambda s: (s.mesh, _at(s.camera, change(s.camera.world_to_camera)), s.mask)
-
-
-def _at(camera: Camera, world_to_camera: Array) -> Camera:
-    return Camera(camera.name, camera.width, camera.height, camera.K, world_to_camera)
-
-
-def _inverse(placed: Array) -> Array:
-    return np.c_[placed[:, :3].T, -placed[:, :3].T @ placed[:, 3]]
-
-
-def _joints(model: HandModel, more: Array) -> _Change:
-    def change(seen: _Seen) -> tuple[Mesh, Camera, Array]:
-        pose, shape = seen.frame.pose, seen.frame.shape
-        if pose is None or shape is None:
-            return seen.mesh, seen.camera, seen.mask
-        return model.mesh(shape, replace(pose, joints=pose.joints + more), 0), seen.camera, seen.mask
-
-    return change
-
-
-def _other_side(model: HandModel) -> _Change:
-    """The hand in a mirror, turned by the same rotation."""
-
-    def change(seen: _Seen) -> tuple[Mesh, Camera, Array]:
-        pose, shape = seen.frame.pose, seen.frame.shape
-        if pose is None or shape is None:
-            return seen.mesh, seen.camera, seen.mask
-        still = Pose(pose.joints * [1, -1, -1])
-        vertices = model.mesh(shape, still, 0).vertices * [-1, 1, 1]
-        turned = vertices @ Rotation.from_rotvec(pose.rotation.copy()).as_matrix().T + pose.translation
-        return Mesh(turned, model.topology(0)), seen.camera, seen.mask
-
-    return change
-
-
 # -- how light falls on it -------------------------------------------------------------------------------------------
 
 _FLIPS = {
@@ -284,11 +138,10 @@ _FLIPS = {
 
 def _of_light(capture: Capture, every: Sequence[Frame]) -> Iterator[str]:
     lit = [frame for frame in every if frame.kind in ("olat", "group")]
-    some = [lit[round(i)] for i in np.linspace(0, len(lit) - 1, min(_FRAMES, len(lit)))] if lit else []
     told: list[float] = []
     flipped: dict[str, list[float]] = {name: [] for name in _FLIPS}
-    for frame in some:
-        seen = _look(capture, frame)
+    for frame in spread(lit, _FRAMES):
+        seen = look(capture, frame)
         if seen is None:
             continue
         raster = Raster(PosedMesh(seen.mesh), frame.camera, 1)
@@ -317,7 +170,7 @@ def _explains(frame: Frame, normal: Array, bright: Array, centre: Array, flip: t
         elif isinstance(light, Point):
             away = (light.position - centre) * flip
             shading += np.maximum(normal @ away, 0) / np.linalg.norm(away) ** 3 * light.intensity.mean()
-    if shading.std() == 0 or bright.std() == 0:
+    if not len(bright) or shading.std() == 0 or bright.std() == 0:
         return 0.0
     return float(np.corrcoef(shading, bright)[0, 1])
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import BadFrame, InputError
 from ..method import Progress, silent
 from ..scene import Frame, Observation
-from .capture import Capture, read
+from .capture import Capture, read, spread
 
 _ACROSS = 10.0  # metres: no hand
 SKIN = 1.0
@@ -27,8 +27,8 @@ def troubles(capture: Capture, progress: Progress = silent, most: int | None = N
     for key, count in Counter(frame.key for frame in frames).items():
         if count > 1:
             yield f"{key}: {count} frames have this key; name poses, cameras and lightings apart"
-    if most is not None and len(frames) > most:
-        frames = tuple(frames[round(i)] for i in np.linspace(0, len(frames) - 1, most))
+    if most is not None:
+        frames = tuple(spread(frames, most))
     for frame in {frame.pose_key: frame for frame in reversed(frames)}.values():
         if trouble := _of_mesh(frame):
             yield f"{frame.key}: {trouble}"

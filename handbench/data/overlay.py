@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,8 @@ from ..render.see.posedmesh import PosedMesh
 from ..render.see.raster import Raster
 from ..scene import Array, Camera, Directional, Environment, Frame, Light, Mesh, Point, Uncalibrated, leaves
 from ..scene.colour import eight_bit
-from .capture import Capture, read
+from .capture import Capture, read, spread
+from .overlap import mesh_of
 
 _HEIGHT, _COLUMNS, _MOST = 256, 4, 12
 _BALL = 22  # pixels: radius of the ball that shows the light
@@ -25,12 +25,11 @@ _PAPER, _INK = (18, 18, 20), (225, 225, 228)
 _MESH, _SEEN, _MODEL, _LIGHT = (70, 220, 255), (255, 90, 90), (255, 225, 70), (255, 190, 60)
 
 
-def sheet(capture: Capture, frames: Sequence[Frame] | None = None) -> Image.Image:
+def sheet(capture: Capture) -> Image.Image:
     """Up to 12 frames, spread over a capture: the mesh's outline in blue, key points as they were detected in red and
     those of the hand model in yellow, and in the corner a white ball as the frame's light falls on it, arrows towards
     single lights."""
-    every = capture.frames() if frames is None else frames
-    some = [every[round(i)] for i in np.linspace(0, len(every) - 1, min(_MOST, len(every)))]
+    some = spread(capture.frames(), _MOST)
     cells = [_cell(capture, frame) for frame in some]
     width, height = max(cell.width for cell in cells), _HEIGHT + _LABEL
     rows = -(-len(cells) // _COLUMNS)
@@ -70,7 +69,7 @@ def _cell(capture: Capture, frame: Frame) -> Image.Image:
     draw, scale = ImageDraw.Draw(picture), _HEIGHT / frame.camera.height
     if not isinstance(frame.camera, Uncalibrated):
         model = None if capture.hand is None or frame.pose is None or frame.shape is None else hand_model(capture.hand)
-        mesh = frame.mesh or (None if model is None else model.mesh(frame.shape, frame.pose, 0))  # type: ignore[arg-type]
+        mesh = mesh_of(capture, frame)
         if mesh is not None:
             _outline(picture, mesh, frame.camera)
         if model is not None:

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 import syntheticmano
+from PIL import Image
 from plainfolder import write_folder
 
 from handbench.cli import main
 from handbench.data.capture import Capture
 from handbench.data.conventions import checked
 from handbench.data.folder import FILE, open_folder
+from handbench.data.inspection import troubles
 from handbench.data.openstage import open_capture
 from handbench.data.overlay import sheet
 from handbench.errors import InputError
@@ -118,6 +120,17 @@ def test_codes_that_are_called_linear_are_found(tmp_path: Path) -> None:
     text = (folder / FILE).read_text()
     (folder / FILE).write_text(text.replace('"linear"', '"srgb"'))
     assert not checked(open_folder(folder)).doubts
+
+
+def test_pictures_of_another_size_than_their_cameras_say_nothing_of_conventions(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "hand", STAGE)
+    for place in ("images", "masks"):
+        for path in (folder / place).rglob("*.png"):
+            picture = Image.open(path)
+            picture.resize((picture.width // 2, picture.height // 2)).save(path)
+    capture = open_folder(folder)
+    assert not checked(capture).doubts and checked(capture).overlap is None
+    assert all("its camera says" in trouble for trouble in troubles(capture))
 
 
 def test_a_transposed_matrix_is_named() -> None:
