@@ -26,6 +26,7 @@ _CODED = (
     *("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1", "-color_range", "tv"),
 )
 _HUNDREDTH = 100  # GIF counts time in hundredths of a second
+_LONGEST = 65535  # that a picture can stay
 
 
 def check_video(path: Path) -> None:
@@ -86,7 +87,7 @@ def _write_mp4(path: Path, frames: Iterable[Array], fps: float) -> None:
 def _write_gif(path: Path, frames: Iterable[Array], fps: float) -> None:
     pictures = [Image.fromarray(frame).quantize(256, Image.Quantize.MEDIANCUT) for frame in frames]
     with whole(path) as part:
-        wait = 10 * max(2, round(_HUNDREDTH / fps))
+        wait = 10 * min(max(2, round(_HUNDREDTH / fps)), _LONGEST)
         pictures[0].save(part, "GIF", save_all=True, append_images=pictures[1:], duration=wait, loop=0)
 
 

@@ -161,6 +161,9 @@ def test_gif_and_mp4_show_the_colours_that_they_are_given(tmp_path: Path) -> Non
     write_video(tmp_path / "a.gif", frames, 10.0)
     with Image.open(tmp_path / "a.gif") as gif:
         assert (gif.n_frames, gif.info["duration"], gif.size) == (3, 100, (47, 33))  # type: ignore[attr-defined]
+    write_video(tmp_path / "slow.gif", frames, 1e-3)
+    with Image.open(tmp_path / "slow.gif") as gif:
+        assert gif.info["duration"] == 655350  # the longest there is
     ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
     write_video(tmp_path / "a.mp4", frames, 10.0)
     decode = (ffmpeg, "-loglevel", "error", "-i", str(tmp_path / "a.mp4"), "-f", "rawvideo", "-pix_fmt", "rgb24", "-")
