@@ -158,8 +158,6 @@ def _ranks(
                 break
             found[position] = rank
         left = [position for position in left if position not in found]
-        if not left:
-            break
     return found
 
 

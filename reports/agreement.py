@@ -10,7 +10,8 @@ from typing import Any
 from handbench.results.statistics import differences
 from handbench.results.values import Values
 
-from .model import UNEQUAL, Agreement, Column, MethodPair, Row, number
+from .model import Agreement, Column, MethodPair, Row
+from .printed import UNEQUAL, number
 
 LEAST = 3  # methods whose order is compared: two agree or not by chance
 

@@ -11,7 +11,8 @@ from handbench.errors import InputError
 from handbench.files import whole, writing
 
 from .build import build
-from .model import Aggregate, Column, Row, Table, number
+from .model import Aggregate, Column, Row, Table
+from .printed import number
 from .run import Run, read_run
 from .template import environment
 from .write import write_reports

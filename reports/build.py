@@ -9,7 +9,7 @@ from statistics import median
 
 from handbench.bench.protocol import AXES
 from handbench.errors import unknown_name
-from handbench.results.reading import Run, merged, read_run
+from handbench.results.reading import Run, completed, merged, read_run
 from handbench.results.record import (
     CellRecord,
     ColumnRecord,
@@ -26,14 +26,16 @@ from handbench.scene import FrameKind
 
 from .aggregate import Footnotes, column_cells, with_differences
 from .agreement import agreements
-from .model import Aggregate, Column, Footprint, Group, Kind, Metric, Row, Span, Table, Times, listed
+from .model import Aggregate, Column, Footprint, Group, Kind, Metric, Row, Span, Table, Times
+from .printed import listed
 from .selection import ALL, Selection
 
 
 def table(*run_folders: Path, baseline: str | None = None, selection: Selection = ALL) -> Table:
     """The results of one run, or of several of one protocol version and capture, as one table, or some of it; see
     `build`."""
-    return build(*(selection.of(read_run(folder)) for folder in run_folders), baseline=baseline)
+    runs = completed([read_run(folder) for folder in run_folders])
+    return build(*map(selection.of, runs), baseline=baseline)
 
 
 def build(*runs: Run, baseline: str | None = None) -> Table:

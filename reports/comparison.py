@@ -17,10 +17,12 @@ from handbench.results.statistics import CONFIDENCE, Difference, aggregate, corr
 from handbench.results.values import Values, values_of
 
 from .build import shown_metric
-from .model import UNEQUAL, UNEQUAL_NOTE, Group, Metric, bounds, chance, letter, number, signed
+from .model import Group, Metric
+from .printed import UNEQUAL, UNEQUAL_NOTE, letter, number
 from .safe import markdown
 from .selection import ALL, Selection
 from .terminal import difference_text
+from .text import markdown_difference
 
 
 @dataclass(frozen=True)
@@ -54,8 +56,8 @@ def compare(*folders: Path, selection: Selection = ALL) -> Comparison:
     """All measured methods that the first run shares with another, paired by frame and seed.
 
     `selection` leaves some of their methods, columns or metrics. p-values are corrected over the methods of a column,
-    metric and run (Holm). Raises `InputError` for a folder
-    without a readable run, for runs that cannot be compared, and if no method is in two of them.
+    metric and run (Holm). Raises `InputError` for a folder without a readable run, for runs that cannot be compared,
+    and if no method is in two of them.
     """
     runs = [selection.of(read_run(folder)) for folder in folders]
     for other in runs[1:]:
@@ -193,12 +195,7 @@ def _markdown_cells(line: Line) -> Iterator[str]:
     yield number(line.value, decimals)
     for (value, apart), across in zip(line.others, line.across, strict=True):
         yield number(value, decimals)
-        if apart is None:
-            yield "–"
-            continue
-        told = signed(apart.value, decimals) + UNEQUAL * across
-        told = f"**{told}**" if apart.separated else told
-        yield " ".join(filter(None, (told, bounds(apart, decimals), markdown(chance(apart)))))
+        yield markdown_difference(apart, decimals, across)
 
 
 def sentence(comparison: Comparison) -> str:
@@ -206,7 +203,7 @@ def sentence(comparison: Comparison) -> str:
     better = worse = level = 0
     for line in comparison.lines:
         for _, apart in line.others:
-            if apart is None or apart.value is None:
+            if apart is None:
                 continue
             ahead = (apart.value > 0) == line.metric.higher_is_better
             better, worse, level = (

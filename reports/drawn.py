@@ -11,7 +11,7 @@ from pathlib import Path
 from handbench.errors import InputError, unknown_name
 from handbench.files import check_folder, whole
 
-from .build import build
+from .build import build, shown_metric
 from .figures import Panel, Square, panels
 from .model import Metric
 from .pareto import plots
@@ -50,16 +50,17 @@ def write_figures(run_folder: Path, selection: Selection, figures: Figures, out:
 
     Raises `InputError` for a frame that the run does not have, and for a run without the truth of it.
     """
-    run = selection.of(read_run(run_folder))
+    whole_run = read_run(run_folder)
+    run = selection.of(whole_run)
     queries = chosen(run, figures.frames)
     check_folder(out)
     out.mkdir(parents=True, exist_ok=True)
-    table = build(run)
-    shown = tuple(panels(run, queries or None, figures.crop or None, read_run(run_folder)))
+    shown = tuple(panels(run, queries or None, figures.crop or None, whole_run))
     if not shown:
         raise InputError(f"{run_folder} keeps no truth of these frames; run it with the method oracle")
-    made = [*_pictures(shown, table.metrics[0], figures.sheet, bool(queries))]
-    made += pareto_figures(plots(table), figures.width, figures.dpi) if not queries else []
+    metric = shown_metric(run.plan.protocol.metrics[0])
+    made = [*_pictures(shown, metric, figures.sheet, bool(queries))]
+    made += pareto_figures(plots(build(run)), figures.width, figures.dpi) if not queries else []
     for name, files in made:
         for kind, content in files.items():
             path = out / f"{name}.{kind}"

@@ -10,14 +10,12 @@ from typing import TypeAlias
 
 from handbench.results.statistics import Difference
 
-from .model import (
+from .model import Aggregate, Column, Row, Table
+from .printed import (
     COST_TITLES,
     UNEQUAL,
     UNEQUAL_NOTE,
-    Aggregate,
-    Column,
-    Row,
-    Table,
+    between,
     bounds,
     cost_texts,
     costs_title,
@@ -249,9 +247,7 @@ def _cell(style: Style) -> _Text:
 
 
 def _interval(cell: Aggregate, column: Column) -> str:
-    if cell.low is None or cell.high is None:
-        return ""
-    return latex(f"{number(cell.low, column.metric.decimals)}–{number(cell.high, column.metric.decimals)}")
+    return latex(between(cell, column.metric.decimals))
 
 
 def _difference(cell: Aggregate, column: Column) -> str:

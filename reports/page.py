@@ -13,16 +13,15 @@ from .aggregate import RESAMPLES
 from .agreement import headline, sentence
 from .figures import ERROR_SCALE, Panel
 from .frames import KINDS
-from .model import (
-    LIGHT_TITLES,
+from .model import LIGHT_TITLES, Aggregate, Column, Span, Table
+from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments, shown, told
+from .pictures import colour_stops, error_uri, image_uri, png_uri
+from .printed import (
     MEMORY_TITLES,
     SUNK,
     UNEQUAL_NOTE,
-    Aggregate,
-    Column,
-    Span,
-    Table,
     amount,
+    between,
     bounds,
     chance,
     duration,
@@ -35,8 +34,6 @@ from .model import (
     signed,
     three_digits,
 )
-from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments, shown, told
-from .pictures import colour_stops, error_uri, image_uri, png_uri
 from .run import Run, machine
 from .scores import scores
 from .speed import speed_section
@@ -160,7 +157,8 @@ def _checks(table: Table, run: Run) -> list[tuple[bool, str]]:
     """What a reader wants to know before reading the numbers: (fine?, sentence)."""
     planned, finished = len(run.plan.cells), len({cell.key for cell in run.cells})
     gaps = sum(not cell.complete for row in table.rows for cell in row.cells)
-    unequal = dict.fromkeys(cell.method.title for cell in run.cells if cell.same_pixels is False)
+    titles = {method.name: method.title for method in run.plan.methods}
+    unequal = dict.fromkeys(titles[cell.method.name] for cell in run.cells if cell.same_pixels is False)
     linear = {method.name for method in run.plan.methods if method.linear}
     bent = [row.title for row in table.rows if row.name in linear and (row.nonlinearity or 0.0) > LINEAR]
     origins = [part.plan.provenance.git for part in run.parts or (run,)]
@@ -204,9 +202,7 @@ def _cell_text(cell: Aggregate, column: Column) -> str:
 
 
 def _interval(cell: Aggregate, column: Column) -> str:
-    if cell.low is None or cell.high is None:
-        return ""
-    return f"{number(cell.low, column.metric.decimals)}–{number(cell.high, column.metric.decimals)}"
+    return between(cell, column.metric.decimals)
 
 
 def _span(span: Span | None) -> str:

@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from .model import UNEQUAL, Group, Metric, Row, Table, number
+from .model import Group, Metric, Row, Table
 from .places import Box, Label, placed, width
+from .printed import UNEQUAL, number
 
 METRICS = 3  # the first of a protocol's metrics are drawn
 TIMES = {
@@ -191,7 +192,7 @@ def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
         if cell.value is None or not math.isfinite(cell.value):
             left_out.append(f"{row.title}: no value")
         elif cost is None:
-            left_out.append(f"{row.title}: no time")
+            left_out.append(f"{row.title}: {'not told' if time == 'memory' else 'no time'}")
         else:
             kind: Kind = "calibration" if row.kind == "calibration" else "beaten" if cell.complete else "gap"
             points.append(Point(row.title, cost, cell.value, kind, row.enrolment, low=cell.low, high=cell.high))

@@ -13,9 +13,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from .model import UNEQUAL_NOTE
 from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments
 from .pictures import DPI, STYLE, saved
+from .printed import UNEQUAL_NOTE
 
 _SCALE = 105.0  # units of a drawing in an inch
 _COLUMNS = 4

@@ -23,7 +23,8 @@ from handbench.scene.colour import srgb
 
 from .figures import ERROR_SCALE, Panel, Tile, detail
 from .frames import KINDS
-from .model import Metric, letter, number
+from .model import Metric
+from .printed import letter, number
 
 COLOURS = colormaps["inferno"]
 EMBEDDED = 256  # pixels, the greatest side of an embedded picture

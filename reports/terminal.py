@@ -12,18 +12,13 @@ from rich.text import Text
 from handbench.results.statistics import Difference
 
 from .agreement import headline, sentence
-from .model import (
+from .model import Aggregate, Column, Group, Metric, Row, Table
+from .printed import (
     COST_TITLES,
     MEMORY_TITLES,
     SUNK,
     UNEQUAL,
     UNEQUAL_NOTE,
-    Aggregate,
-    Column,
-    Group,
-    Metric,
-    Row,
-    Table,
     bounds,
     chance,
     cost_texts,
@@ -47,7 +42,7 @@ def render_terminal(table: Table, style: Style = PLAIN) -> RenderableType:
     notes = [Text(f"{letter(index)}  {note}") for index, note in enumerate(table.footnotes, start=1)]
     legend = "bold: best, underlined: second, with all that cannot be told from them (dim: not claimable for other "
     legend += "hands); calibration (*), published rows, values that miss frames and what is not above the floor "
-    legend += f"({SUNK}) cannot win"
+    legend += f"({SUNK}) cannot win{'; bold differences: the interval excludes zero' if table.baseline else ''}"
     told = (*table.remarks, *table.limits, legend, *((UNEQUAL_NOTE,) if table.unequal else ()))
     remarks = [*(Text(text, style="dim") for text in told), *map(Text, answer(table).sentences)]
     grids = [grid for group in table.groups for grid in (_grid(table, group, style), *_differences(table, group))]

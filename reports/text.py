@@ -7,20 +7,16 @@ import io
 import math
 from collections.abc import Iterator
 
+from handbench.results.statistics import Difference
+
 from .agreement import headline, sentence
-from .model import (
+from .model import Aggregate, Column, Footprint, Row, Span, Table, Times
+from .printed import (
     COST_TITLES,
     MEMORY_TITLES,
     SUNK,
     UNEQUAL,
     UNEQUAL_NOTE,
-    Aggregate,
-    Column,
-    Footprint,
-    Row,
-    Span,
-    Table,
-    Times,
     bounds,
     chance,
     cost_texts,
@@ -73,10 +69,7 @@ def lines(table: Table) -> Iterator[dict[str, object]]:
         head = dict(zip(CSV_METHOD, (row.name, row.title, row.kind, row.fidelity, row.enrolment), strict=True))
         for column, cell in zip(table.columns, row.cells, strict=True):
             yield {**head, **_csv_column(column), **_csv_cell(row, cell, table)}
-        for name, unit, span in _measured(row.times):
-            values = {"value": span.median, "low": span.low, "high": span.high}
-            yield {**head, "metric": name, "unit": unit, "higher_is_better": False, **values}
-        for name, unit, span in _taken(row.footprint):
+        for name, unit, span in (*_measured(row.times), *_taken(row.footprint)):
             values = {"value": span.median, "low": span.low, "high": span.high}
             yield {**head, "metric": name, "unit": unit, "higher_is_better": False, **values}
         if row.nonlinearity is not None:
@@ -146,10 +139,10 @@ def _markdown(table: Table, style: Style) -> Iterator[str]:
         for row in table.rows:
             yield _line([_title(row), *(_markdown_cell(row.cells[i], table.columns[i], style) for i in indices)])
         if table.baseline:
-            yield f"\nDifference to {markdown(table.baseline)}:\n"
+            yield f"\nDifference to {markdown(table.baseline)}, bold where its interval excludes zero:\n"
             yield from _pipes(["Method", *titles])
             for row in table.compared:
-                yield _line([_title(row), *(_markdown_difference(row.cells[i], table.columns[i]) for i in indices)])
+                yield _line([_title(row), *(_difference(row.cells[i], table.columns[i]) for i in indices)])
     if style.times is not False:
         yield f"\n## {costs_title(table)}\n"
         yield from _pipes(["Method", *COST_TITLES])
@@ -209,13 +202,14 @@ def _markdown_cell(cell: Aggregate, column: Column, style: Style) -> str:
     return text + (f" <sup>{marks(cell)}</sup>" if cell.notes else "")
 
 
-def _markdown_difference(cell: Aggregate, column: Column) -> str:
-    apart, decimals = cell.difference, column.metric.decimals
+def _difference(cell: Aggregate, column: Column) -> str:
+    return markdown_difference(cell.difference, column.metric.decimals, cell.across)
+
+
+def markdown_difference(apart: Difference | None, decimals: int, across: bool) -> str:
+    """A difference, its interval and its p-value; bold if the interval excludes zero."""
     if apart is None:
         return "–"
-    return " ".join(
-        filter(
-            None,
-            (signed(apart.value, decimals) + UNEQUAL * cell.across, bounds(apart, decimals), markdown(chance(apart))),
-        )
-    )
+    told = signed(apart.value, decimals) + UNEQUAL * across
+    told = f"**{told}**" if apart.separated else told
+    return " ".join(filter(None, (told, bounds(apart, decimals), markdown(chance(apart)))))

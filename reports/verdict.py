@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from handbench.results.statistics import CONFIDENCE, least_p
 
-from .model import LIGHT_TITLES, Column, Row, Span, Table, counted, duration, listed, number
+from .model import LIGHT_TITLES, Column, Row, Span, Table, counted
+from .printed import duration, listed, number
 
 
 @dataclass(frozen=True)
@@ -120,10 +121,12 @@ def _claim(table: Table, methods: Sequence[Row], leader: Row, found: Sequence[in
         where = "in each of them" if alone else f"in {len(claimed)} of these {len(found)}"
         told = f"The lead holds for other hands too {where} (paired test over subjects, p ≤ 0.05 after correction)."
     else:
-        most = max(table.columns[i].group.subjects for i in found)
-        least = min(least_p(most) * (len(methods) - 1), 1.0)
-        few = least > 1 - CONFIDENCE + 1e-9
-        why = f"with {counted(most, 'subject')} p cannot fall below {least:.2g}" if few else "p is above 0.05"
+        rivals = {i: sum(row.cells[i].complete and not row.cells[i].sunk for row in methods) - 1 for i in found}
+        tested = [(table.columns[i].group.subjects, count) for i, count in rivals.items() if count]
+        least, subjects = min(((min(least_p(n) * count, 1.0), n) for n, count in tested), default=(0.0, 0))
+        why = "p is above 0.05" if tested else "no other method is above the floor on every frame"
+        if least > 1 - CONFIDENCE + 1e-9:
+            why = f"with {counted(subjects, 'subject')} p cannot fall below {least:.2g}"
         told = (
             f"It holds for these hands; it cannot be claimed for others (paired test over subjects, corrected: {why})."
         )

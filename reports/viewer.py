@@ -20,8 +20,9 @@ from handbench.scene import Array
 
 from .figures import ERROR_SCALE
 from .frames import KINDS, Answer, View, answers
-from .model import Table, number
+from .model import Table
 from .pictures import KNEE, STOPS, beyond_white, palette, webp
+from .printed import number
 from .run import Run
 from .truth import truth_of
 

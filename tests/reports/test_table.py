@@ -14,9 +14,10 @@ import pytest
 from handbench.errors import InputError
 from handbench.reports import render_csv, render_markdown, table, write_reports
 from handbench.reports.aggregate import Footnotes
-from handbench.reports.model import MEMORY_TITLES, Aggregate, Row, Table, letter, memory_texts, number, signed
+from handbench.reports.model import Aggregate, Row, Table
 from handbench.reports.pareto import plots
 from handbench.reports.pareto import told as told_plot
+from handbench.reports.printed import MEMORY_TITLES, letter, memory_texts, number, signed
 from handbench.results.reading import read_run
 from handbench.results.record import Cost
 

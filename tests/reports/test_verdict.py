@@ -53,6 +53,18 @@ def test_a_lead_is_claimed_where_the_test_allows_it_and_only_there(tmp_path: Pat
     assert few.unclaimed and ",1,False," in render_csv(few) and ",1,True," in render_csv(many)
 
 
+def test_what_cannot_win_is_no_rival_of_a_claim(tmp_path: Path) -> None:
+    """Holm corrects over those that may win: a method without some frames, or below the floor, is none of them."""
+    many = table(write_run(tmp_path / "many", _apart(0.5), ("oracle", "good", "fair", "third"), subjects=6))
+    assert "with 6 subjects p cannot fall below 0.062" in answer(many).claim
+    gaps = [replace(cell, covered=cell.covered - 1, rank=0) for cell in many.rows[-1].cells]
+    two = replace(many, rows=(*many.rows[:-1], replace(many.rows[-1], cells=tuple(gaps))))
+    assert "corrected: p is above 0.05" in answer(two).claim
+    sunk = [replace(cell, sunk=True, rank=0) for cell in many.rows[-2].cells]
+    alone = replace(two, rows=(*two.rows[:-2], replace(two.rows[-2], cells=tuple(sunk)), two.rows[-1]))
+    assert "corrected: no other method is above the floor on every frame" in answer(alone).claim
+
+
 def test_nothing_below_the_floor_is_best(run_folder: Path, set_scores: Callable[..., None]) -> None:
     set_scores(run_folder, "urhand", psnr=15.0)  # the mean predictor has about 23
     set_scores(run_folder, "physical", psnr=14.0)
