@@ -22,9 +22,8 @@ class Selection:
 
     def of(self, run: Run) -> Run:
         """The run with less in its plan. Raises `InputError` for a name that is not in it."""
-        return replace(run, plan=self._plan(run)) if self != ALL else run
-
-    def _plan(self, run: Run) -> RunRecord:
+        if self == ALL:
+            return run
         plan = run.plan
         published = [row.method for row in plan.protocol.published]
         methods = _chosen("method of this run", self.methods, [*(method.name for method in plan.methods), *published])
@@ -34,8 +33,9 @@ class Selection:
             raise InputError(f"none of {', '.join(self.methods)} was measured in {run.folder}; name one that was")
         protocol = self._protocol(plan.protocol, methods, subjects)
         seen = {method.name for method in shown}
-        cells = tuple(cell.key for cell in run.cells if cell.method.name in seen and cell.subject in subjects)
-        return replace(plan, methods=shown, protocol=protocol, cells=cells)
+        cells = tuple(cell for cell in run.cells if cell.method.name in seen and cell.subject in subjects)
+        keys = tuple(cell.key for cell in cells)
+        return replace(run, plan=replace(plan, methods=shown, protocol=protocol, cells=keys), given=cells)
 
     def _protocol(self, told: ProtocolRecord, methods: Sequence[str], subjects: set[str]) -> ProtocolRecord:
         names = _chosen("column", self.columns, [column.name for column in told.columns])

@@ -21,7 +21,7 @@ class Run:
     plan      run.json
     others    folders that may hold cells which this one lacks
     parts     the runs that it was merged from
-    given     its finished cells, where they are not simply those of the plan's keys
+    given     its finished cells, where they need not be read by the plan's keys
     """
 
     folder: Path

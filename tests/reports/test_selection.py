@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,9 @@ from handbench.reports import as_json, render_csv, render_markdown, table
 from handbench.reports.run import read_run
 from handbench.reports.selection import Selection
 from handbench.reports.style import Style
+
+sys.path.append(str(Path(__file__).parents[1] / "bench" / "fakes"))
+from runfakes import write_run
 
 
 def shown(run: Path, **names: tuple[str, ...]):
@@ -31,6 +36,15 @@ def test_values_are_those_of_the_whole_table_and_marks_are_not(whole_run):
         assert [cell.value for cell in row.cells] == [cell.value for cell in by_name[row.name].cells]
     physical = next(row for row in some.rows if row.name == "physical")
     assert {cell.rank for cell in by_name["physical"].cells} == {2} and {cell.rank for cell in physical.cells} == {1}
+
+
+def test_parts_of_a_run_complete_each_other_in_a_selection(tmp_path):
+    first = write_run(tmp_path / "first", methods=("oracle", "good"), subjects=2, frames=2)
+    second = Path(shutil.copytree(first, tmp_path / "second"))
+    for place, path in enumerate(sorted((first / "cells").iterdir())):
+        (path if place % 2 else second / "cells" / path.name).unlink()
+    (row,) = table(first, second, selection=Selection(methods=("good",))).rows
+    assert row.name == "good" and all(cell.complete for cell in row.cells)
 
 
 def test_one_subject_is_its_own_mean(whole_run):
