@@ -18,11 +18,10 @@ from handbench.results.values import Values, values_of
 
 from .build import shown_metric
 from .model import Group, Metric
-from .printed import UNEQUAL, UNEQUAL_NOTE, letter, number
+from .printed import UNEQUAL, UNEQUAL_NOTE, bounds, chance, letter, number, signed
 from .safe import markdown
 from .selection import ALL, Selection
 from .terminal import difference_text
-from .text import markdown_difference
 
 
 @dataclass(frozen=True)
@@ -195,7 +194,12 @@ def _markdown_cells(line: Line) -> Iterator[str]:
     yield number(line.value, decimals)
     for (value, apart), across in zip(line.others, line.across, strict=True):
         yield number(value, decimals)
-        yield markdown_difference(apart, decimals, across)
+        if apart is None:
+            yield "–"
+            continue
+        told = signed(apart.value, decimals) + UNEQUAL * across
+        told = f"**{told}**" if apart.separated else told
+        yield " ".join(filter(None, (told, bounds(apart, decimals), markdown(chance(apart)))))
 
 
 def sentence(comparison: Comparison) -> str:

@@ -14,8 +14,6 @@ from .frames import KINDS
 from .model import Table
 from .run import Run
 
-_BEYOND = 1  # decimals beside those that are printed, so that differences are right
-
 
 def scores(run: Run, table: Table) -> dict[str, Any]:
     """As the page's script reads it: `values[row][metric]` of each column are in the order of its frames.
@@ -58,4 +56,10 @@ def _rounded(values: Array, table: Table) -> Iterator[list[float | None]]:
     sums = np.where(there, values, 0.0).sum(axis=1)
     for metric, total, number in zip(table.metrics, sums, count, strict=True):
         means = (t / n if n else None for t, n in zip(total.tolist(), number.tolist(), strict=True))
-        yield [None if mean is None else round(mean, metric.decimals + _BEYOND) for mean in means]
+        yield [None if mean is None else _short(mean, metric.decimals) for mean in means]
+
+
+def _short(mean: float, decimals: int) -> float:
+    """With a digit more than is printed, so that differences are right; whole where that is a 5, not to round twice."""
+    short = round(mean, decimals + 1)
+    return mean if f"{short:.{decimals + 1}f}".endswith("5") else short

@@ -7,8 +7,6 @@ import io
 import math
 from collections.abc import Iterator
 
-from handbench.results.statistics import Difference
-
 from .agreement import headline, sentence
 from .model import Aggregate, Column, Footprint, Row, Span, Table, Times
 from .printed import (
@@ -139,7 +137,7 @@ def _markdown(table: Table, style: Style) -> Iterator[str]:
         for row in table.rows:
             yield _line([_title(row), *(_markdown_cell(row.cells[i], table.columns[i], style) for i in indices)])
         if table.baseline:
-            yield f"\nDifference to {markdown(table.baseline)}, bold where its interval excludes zero:\n"
+            yield f"\nDifference to {markdown(table.baseline)}:\n"
             yield from _pipes(["Method", *titles])
             for row in table.compared:
                 yield _line([_title(row), *(_difference(row.cells[i], table.columns[i]) for i in indices)])
@@ -203,13 +201,8 @@ def _markdown_cell(cell: Aggregate, column: Column, style: Style) -> str:
 
 
 def _difference(cell: Aggregate, column: Column) -> str:
-    return markdown_difference(cell.difference, column.metric.decimals, cell.across)
-
-
-def markdown_difference(apart: Difference | None, decimals: int, across: bool) -> str:
-    """A difference, its interval and its p-value; bold if the interval excludes zero."""
+    apart, decimals = cell.difference, column.metric.decimals
     if apart is None:
         return "–"
-    told = signed(apart.value, decimals) + UNEQUAL * across
-    told = f"**{told}**" if apart.separated else told
+    told = signed(apart.value, decimals) + UNEQUAL * cell.across
     return " ".join(filter(None, (told, bounds(apart, decimals), markdown(chance(apart)))))

@@ -15,7 +15,7 @@ from .shared import examples, json_option, names
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..results.gate import Check, Outcome
+    from ..results.outcome import Check, Outcome
 
 _CODES = (
     "exit codes: 0 pass, 1 regression, 2 not comparable or bad input, 3 the candidate run failed, 4 too noisy to tell; "

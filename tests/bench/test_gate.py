@@ -14,7 +14,8 @@ import pytest
 
 from handbench.cli import main
 from handbench.errors import InputError
-from handbench.results.gate import Check, Outcome, Quality, Verdict, gate
+from handbench.results.gate import Quality, gate
+from handbench.results.outcome import Check, Outcome, Verdict
 from handbench.results.reading import Run, read_run
 from handbench.results.record import Cost
 

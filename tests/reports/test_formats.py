@@ -12,8 +12,13 @@ import pytest
 from rich.console import Console
 
 from handbench.reports import render_csv, render_latex, render_markdown, render_terminal, table
+from handbench.reports.build import build
 from handbench.reports.model import Table
+from handbench.reports.printed import number
+from handbench.reports.run import Run
+from handbench.reports.scores import scores
 from handbench.reports.style import Style
+from handbench.results.values import values_of
 
 NASTY = r"50% of_{all} & #1 $x$ ~^ \ <a|b>"
 
@@ -177,3 +182,16 @@ def test_values_that_are_not_finite_are_counted(result: Table) -> None:
     found = {line["nonfinite"] for line in lines if line["method"] == "phong" and line["column"] == "unseen-light"}
     assert found == {"1"}
     assert {line["nonfinite"] for line in lines if line["method"] == "urhand" and line["column"]} == {"0"}
+
+
+def test_the_breakdown_prints_a_frame_as_the_rest_of_the_page_does(many: Run) -> None:
+    """A value that is rounded twice may print with another last digit: 24.3449 as 24.345 as 24.35."""
+    told, values = scores(many, build(many)), values_of(many)
+    apart = 0
+    for column in told["columns"]:
+        for row, of_row in zip(told["rows"], column["values"], strict=True):
+            means = values[row["name"], column["name"]].values.mean(axis=1)
+            for metric, kept, right in zip(told["metrics"], of_row, means.tolist(), strict=True):
+                texts = ([number(value, metric["decimals"]) for value in each] for each in (kept, right))
+                apart += sum(one != other for one, other in zip(*texts, strict=True))
+    assert apart == 0
