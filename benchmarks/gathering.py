@@ -79,7 +79,7 @@ def errors(where: Scattering, occluder: MeshOccluder, light: Environment, repeat
             for count in COUNTS:
                 runs, start = [], time.process_time()
                 for seed in range(repeats):
-                    how = Gathering(maps=way, directions=count, fresh=fresh, seed=seed)
+                    how = Gathering(maps=way, directions=count, fresh=fresh, seed=seed)  # type: ignore[arg-type]
                     runs.append(float((Gatherer(where, occluder, how).colours(light) - truth).norm() / truth.norm()))
                 seconds = (time.process_time() - start) / repeats
                 name = way if way == "combined" else f"{way}, {'each place' if fresh else 'one set'}"

@@ -138,7 +138,7 @@ def rays(width: int, height: int, weights: str | None) -> None:
     posed: list[PosedHand] = []
     with torch.no_grad():
         making = cpu(lambda: posed.append(PosedHand(model, model.codes(0), shape, *placed)))
-        making += cpu(lambda: posed[0].deformation.nearest)
+        making += cpu(lambda: (posed[0].shell, posed[0].deformation.nearest))
     K = frame.camera.K.copy()
     K[0] *= width / frame.camera.width
     K[1] *= height / frame.camera.height

@@ -107,7 +107,9 @@ class Body:
         return Body(posed, mesh, surface.canonical, _occluder(posed, mesh, drawing), own)
 
     def holds(self, point: Array) -> bool:
-        """Whether a point (3,) of the world is inside."""
+        """Whether a point (3,) of the world is inside; one beside the mesh is told without a search for its roots."""
+        if (point < self.mesh.vertices.min(axis=0)).any() or (point > self.mesh.vertices.max(axis=0)).any():
+            return False
         return bool(self.posed.sdf(torch.from_numpy(point[None]).float()) < 0.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -40,10 +41,14 @@ class PosedHand:
         self.translation = vector("translation", translation, (3,), torch.float32)
         self.deformation = Deformation(model.around(shape), shape, joints)
         self.conditions = model.conditions(codes, shape, joints)
-        level = self.deformation.field.level
-        with torch.no_grad():
-            skin = model.hand.subdivide(model.hand.skin(shape, joints), level)
-        self.shell = Shell.around(skin.numpy(), model.hand.topology(level).faces, model.config.reach)
+
+    @cached_property
+    @torch.no_grad()
+    def shell(self) -> Shell:
+        """Where rays look for the surface, in the hand frame."""
+        hand, level = self.model.hand, self.deformation.field.level
+        skin = hand.subdivide(hand.skin(self.shape, self.joints), level)
+        return Shell.around(skin.numpy(), hand.topology(level).faces, self.model.config.reach)
 
     def moved(self, **changed: Any) -> PosedHand:
         """The same with other `codes`, `shape`, `joints`, `rotation` or `translation`, a few millimetres away."""

@@ -13,7 +13,7 @@ from open3d.t.geometry import RaycastingScene
 
 from handbench.errors import InputError
 from handbench.hand.openhand import OpenHand
-from handbench.methods.palm import create, method
+from handbench.methods.palm import create, method, posed
 from handbench.methods.palm.method import PalmAvatar, PalmPrior
 from handbench.methods.palm.model import PalmModel
 from handbench.methods.palm.person import Person
@@ -69,6 +69,15 @@ def test_a_posed_hand_is_drawn_where_the_hand_is(prior: PalmPrior) -> None:
     true = HAND.mesh(HAND.neutral(), HAND.named_pose("pinch"), 1)
     assert mean(surface_distances(found.mesh, true.vertices)) < 2.0  # millimetres
     assert found.alpha.sum() > 300 and found.image[found.alpha > 0.9].mean() > 0.05
+
+
+def test_first_hits_search_no_root(prior: PalmPrior, monkeypatch: pytest.MonkeyPatch) -> None:
+    def searched(*asked: object) -> None:
+        raise AssertionError("a root was searched")
+
+    monkeypatch.setattr(posed, "canonicalise", searched)
+    found = avatar(prior).pose(viewpoint()).relight(SUN)
+    assert found.alpha.any()
 
 
 def test_another_camera_shares_the_pose(prior: PalmPrior) -> None:
