@@ -162,6 +162,17 @@ def test_interhand_lacks_an_annotation(interhand: tuple[Path, dict], tmp_path: P
         open_at(folder)
 
 
+def test_a_damaged_fit_of_interhand_is_one_sentence(interhand: tuple[Path, dict], tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(interhand[0], tmp_path / "copy"))
+    path = folder / "annotations" / "train" / "InterHand2.6M_train_MANO_NeuralAnnot.json"
+    table = json.loads(path.read_text())
+    for damaged in ([[1.0], 2.0], "none", [0.0] * 9):
+        table["0"]["12001"]["right"]["shape"] = damaged
+        path.write_text(json.dumps(table))
+        with pytest.raises(InputError, match="the fit of Capture0 12001 has no shape of 10 numbers"):
+            open_at(folder)
+
+
 # --- HARP
 
 

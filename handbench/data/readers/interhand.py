@@ -50,6 +50,7 @@ PALM_MOMENTS = 20
 _SPLITS = ("train", "val", "test")
 _LIMIT = 2 << 30  # bytes of an annotation file
 _LIGHT = Unknown("studio")
+_FIT = {"pose": 48, "shape": 10, "trans": 3}
 _IMAGE = re.compile(r"image(\d+)\.jpg")
 # theirs: of each finger tip to knuckle, thumb first, then the wrist; ours: the wrist, then knuckle to tip
 _ORDER = (20, *(4 * finger + 3 - k for finger in range(5) for k in range(4)))
@@ -239,8 +240,13 @@ class _Annotations:
         if points is None or points.get("hand_type") != "right":
             return None
         fit = (self._of(self._fits, capture, "MANO_NeuralAnnot").get(frame) or {}).get("right")
-        whole = isinstance(fit, dict) and all(key in fit for key in ("pose", "shape", "trans"))
-        return fit if whole else None
+        if not isinstance(fit, dict) or not all(key in fit for key in _FIT):
+            return None
+        for key, count in _FIT.items():
+            value = fit[key]
+            if not isinstance(value, list) or len(value) != count or not all(type(x) in (int, float) for x in value):
+                raise InputError(f"{self._folder}: the fit of {capture} {frame} has no {key} of {count} numbers")
+        return fit
 
     def joints(self, capture: str, number: str) -> tuple[Array, Array]:
         """The right hand's 21 key points in metres and whether each is valid, in our order."""
