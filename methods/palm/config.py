@@ -119,6 +119,10 @@ class Config:
         for name in ("phi", "psi", "pose", "features", "rays", "gaussians", "scattered"):
             if getattr(self, name) < 1:
                 raise InputError(f"palm: {name} is {getattr(self, name)}; give at least 1")
+        if self.places is not None and self.places < 1:
+            raise InputError(f"palm: places is {self.places}; give at least 1, or none for one a direction")
+        if not self.geometry:
+            raise InputError("palm: geometry is (); give the width of at least one hidden layer")
         if self.beta <= 0.0 or self.reach <= 0.0:
             raise InputError(f"palm: beta is {self.beta} and reach {self.reach}; give metres above 0")
         if not 0 <= self.bones <= 4:

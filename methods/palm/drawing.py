@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from handbench.errors import Unsupported
+from handbench.errors import InputError, Unsupported
 from handbench.method import PosedAvatar
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.see.raster import Raster, rasterise
@@ -42,6 +42,13 @@ class Drawing:
     supersample: int = 3
     visibility: Literal["mesh", "march", "body-march"] = "mesh"
     gathering: Gathering = field(default_factory=Gathering)
+
+    def __post_init__(self) -> None:
+        if self.scatter < 1 or self.supersample < 1 or not self.spacing > 0.0:
+            raise InputError(
+                f"palm-net: {self.scatter} places and {self.supersample} rays a pixel, a mesh of {self.spacing} m "
+                "between nodes; give at least 1 of both, and metres above 0"
+            )
 
 
 class View(NamedTuple):

@@ -115,7 +115,7 @@ class TriPlane(Encoding):
 
     def __init__(self, grids: Sequence[int], plane: int, features: int, aspect: Sequence[float]) -> None:
         super().__init__()
-        if min(*grids, plane) < 2:
+        if min([*grids, plane]) < 2:
             raise InputError(f"tri-plane: grids {tuple(grids)} and planes of {plane} nodes; give at least 2 nodes")
         self.counts = [_counts(nodes, aspect) for nodes in grids]
         self.sides = _counts(plane, aspect)

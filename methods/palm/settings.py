@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from handbench.errors import unknown_name
+from handbench.errors import InputError, unknown_name
 
 from .config import PRESETS as PRIORS
 from .config import Config
@@ -68,6 +68,12 @@ class Fit:
     rebuild: int = 100
     weights: FitWeights = field(default_factory=FitWeights)
     rates: FitRates = field(default_factory=FitRates)
+
+    def __post_init__(self) -> None:
+        for name in ("rays", "side", "samples", "places", "components", "rebuild"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise InputError(f"palm-net: {name} of a fit is {value}; give at least 1")
 
 
 @dataclass(frozen=True)

@@ -196,3 +196,7 @@ def test_presets_say_what_the_seed_and_the_code_say() -> None:
         Config(bones=9)
     with pytest.raises(InputError, match="beta"):
         Config(beta=0.0)
+    with pytest.raises(InputError, match="places"):
+        Config(places=0)
+    with pytest.raises(InputError, match="hidden layer"):
+        Config(geometry=())

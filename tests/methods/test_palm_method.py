@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -123,3 +124,15 @@ def test_presets_and_ablations_are_named() -> None:
         create("slow")
     with pytest.raises(InputError, match="unknown ablation of palm-net"):
         create("quick", "no-light")
+
+
+@pytest.mark.parametrize("name", ["rays", "side", "samples", "places", "components", "rebuild"])
+def test_a_fit_of_nothing_is_refused(name: str) -> None:
+    with pytest.raises(InputError, match=f"{name} of a fit is 0"):
+        replace(SMOKE.fit, **{name: 0})
+
+
+@pytest.mark.parametrize("name", ["scatter", "supersample", "spacing"])
+def test_a_drawing_of_nothing_is_refused(name: str) -> None:
+    with pytest.raises(InputError, match="give at least 1 of both"):
+        replace(SMOKE.drawing, **{name: 0})

@@ -86,7 +86,7 @@ def through(
     cut = (torch.arange(count) + _uniform(rng, len(hits), 1)) * marching.step
     middle = enter[:, None] + cut
     inside = middle < leave[:, None]
-    length = (marching.step * inside.float()).clamp_min(0.0)
+    length = marching.step * inside.float()
     if not skips().empty_space:
         return Intervals(hits, middle, length, len(origins))
     points = origins[hits, None] + middle[..., None] * directions[hits, None]
