@@ -51,7 +51,7 @@ def run(
     settings    changed settings of the methods that have them: {"steps": 500} or {"urhand:steps": 500}
     subjects    score these alone; training stays as it is
     limit       score so many frames of each column at most
-    out         the run folder (default: runs/PROTOCOL); finished cells in it are not computed again
+    out         the run folder (default: runs/PROTOCOL, and what was changed); finished cells in it are computed no more
     data        where captures are kept
     device      where networks run: "cpu", "cuda", …
     reuse       other run folders whose finished cells are taken
@@ -197,7 +197,7 @@ class Results:
         for run in self.runs:
             for cell in run.of_method(method):
                 if frame in cell.predictions and seed in (None, cell.seed):
-                    return run.store.read_prediction(cell, frame)
+                    return run.read_prediction(cell, frame)
         of_seed = "" if seed is None else f" with seed {seed}"
         raise InputError(f"no picture of {frame} by {method}{of_seed} is kept in {', '.join(map(str, self.folders))}")
 

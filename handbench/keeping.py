@@ -108,7 +108,7 @@ def told(count: int) -> str:
     """Bytes for people: "1.4 GB"."""
     value = float(count)
     for unit in ("B", "kB", "MB"):
-        if value < 1000:
+        if value < 999.5:  # which is told as 1000
             return f"{value:.3g} {unit}"
         value /= 1000
     return f"{value:.3g} GB"

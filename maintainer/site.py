@@ -88,7 +88,7 @@ def _settings(found: dict[str, dict[str, object]]) -> Iterator[str]:
 
 
 def names() -> str:
-    """Registered protocols, methods, metrics, captures and studies, each with its line."""
+    """Registered protocols, methods, metrics, captures, hands and studies, each with its line."""
     from handbench import registry
 
     tables = {
@@ -96,6 +96,7 @@ def names() -> str:
         "Methods": registry.METHODS,
         "Metrics": registry.METRICS,
         "Captures": registry.CAPTURES,
+        "Hands": registry.HANDS,
         "Studies": registry.STUDIES,
     }
     lines = []

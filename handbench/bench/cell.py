@@ -130,6 +130,8 @@ def _compute(
 
 def _cost(bench: Bench, prior: str, meter: Meter, times: Times, avatar: Avatar) -> Cost:
     """What was measured while drawing and while training, and how large what is kept is."""
+    from ..remote.method import RemoteAvatar, RemoteRecordedAvatar
+
     kept, state = bench.store.prior(prior), bench.store.prior_state(prior)
     training = (kept.peak_mb, kept.vram_mb, kept.energy_j) if kept else (None, None, None)
     drawn = sum(spread.n for by_kind in (times.new_pose_ms, times.known_pose_ms) for spread in by_kind.values())
@@ -143,7 +145,8 @@ def _cost(bench: Bench, prior: str, meter: Meter, times: Times, avatar: Avatar) 
         drawn=drawn,
         parameters=parameters(state),
         weights_bytes=kept_size(state),
-        avatar_bytes=held_bytes(avatar),
+        # what another interpreter holds is not seen from here
+        avatar_bytes=None if isinstance(avatar, RemoteAvatar | RemoteRecordedAvatar) else held_bytes(avatar),
     )
 
 

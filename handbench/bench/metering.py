@@ -39,9 +39,7 @@ def metered() -> Iterator[Meter]:
     """Measure what the block takes; the meter is filled when the block ends, however it ends."""
     meter, family, before = Meter(), _family(), _energy()
     known = [_restart(process) for process in family]
-    torch = sys.modules.get("torch")
-    cuda = torch.cuda if torch is not None and torch.cuda.is_available() else None
-    if cuda is not None:
+    if (cuda := _cuda()) is not None:
         for device in range(cuda.device_count()):
             cuda.reset_peak_memory_stats(device)
     try:
@@ -50,10 +48,16 @@ def metered() -> Iterator[Meter]:
         if family and all(known):
             peaks = [peak for process in _family() if (peak := _peak_kb(process)) is not None]
             meter.peak_mb = round(sum(peaks) / 1024, 1) if peaks else None
-        if cuda is not None:
+        if (cuda := _cuda()) is not None:  # the block may be what loads torch
             held = sum(cuda.max_memory_allocated(device) for device in range(cuda.device_count()))
             meter.vram_mb = round(held / 2**20, 1)
         meter.energy_j = _joules(before, _energy())
+
+
+def _cuda() -> Any:
+    """torch.cuda where torch is loaded and finds a GPU."""
+    torch = sys.modules.get("torch")
+    return torch.cuda if torch is not None and torch.cuda.is_available() else None
 
 
 def _family() -> list[int]:
@@ -133,13 +137,18 @@ def _numbers(path: Path) -> int:
 
 
 def held_bytes(value: Any) -> int:
-    """Bytes of all arrays and tensors that a value holds, each counted once, whatever it is made of."""
+    """Bytes of all arrays and tensors that a value holds, each counted once, whatever it is made of.
+
+    A hand model counts nothing: one object with its caches serves all avatars.
+    """
+    models = sys.modules.get("handbench.hand.handmodel")  # not loaded for this: it brings torch
+    shared = (str, bytes, int, float, bool, type, ModuleType, FunctionType, *((models.HandModel,) if models else ()))
     arrays: dict[int, int] = {}
     seen: set[int] = set()
     left = [value]
     while left and len(seen) < _MOST:
         each = left.pop()
-        if id(each) in seen or isinstance(each, str | bytes | int | float | bool | type | ModuleType | FunctionType):
+        if id(each) in seen or isinstance(each, shared):
             continue
         seen.add(id(each))
         if (size := _array(each)) is not None:
@@ -163,7 +172,7 @@ def _array(value: Any) -> tuple[int, int] | None:
             base = base.base
         return id(base), int(base.nbytes)
     storage = getattr(value, "untyped_storage", None)
-    if getattr(value, "is_sparse", False):  # as the subdivision of a hand model that an avatar holds; it has no storage
+    if getattr(value, "is_sparse", False):  # it has no storage
         return id(value), int(value._indices().nbytes + value._values().nbytes)
     if callable(storage):
         held = storage()

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
 from ..errors import InputError, unknown_name
 from .protocol import Column, Protocol
+
+_TOLD = re.compile(r": (?:only ([^:]+?))?(?:, )?(?:at most (\d{1,9}) frames? a column)?$")
 
 
 def narrowed(protocol: Protocol, subjects: Sequence[str] | None = None, limit: int | None = None) -> Protocol:
@@ -29,7 +32,18 @@ def narrowed(protocol: Protocol, subjects: Sequence[str] | None = None, limit: i
         replace(row, values=tuple(value for value in row.values if value[0] in names)) for row in protocol.published
     )
     title = f"{protocol.title}: {told(subjects, limit)}"
-    return replace(protocol, title=title, columns=columns, published=published)
+    part = "-".join([*(subjects or ()), *([f"limit-{limit}"] if limit else [])])
+    return replace(protocol, title=title, columns=columns, published=published, part=part)
+
+
+def narrowed_as(protocol: Protocol, title: str) -> Protocol:
+    """The protocol narrowed as the title of such a one tells; whole if it tells nothing that fits."""
+    if not (found := _TOLD.search(title)):
+        return protocol
+    subjects = found[1].split(", ") if found[1] else None
+    if not set(subjects or ()) <= set(protocol.subjects):
+        return protocol
+    return narrowed(protocol, subjects, int(found[2]) if found[2] else None)
 
 
 def told(subjects: Sequence[str] | None, limit: int | None) -> str:

@@ -123,7 +123,7 @@ class Published:
 class Protocol:
     """A protocol as its TOML file says it. `presets` maps methods, or patterns of them, to their presets,
     `preset` serves the others. `trains_on` is name and size of the capture whose subjects are `trained`, None for the
-    capture that is scored."""
+    capture that is scored. `part` says what of a whole protocol this is (`narrowing`), "" if it is one."""
 
     name: str
     version: int
@@ -146,6 +146,7 @@ class Protocol:
     published: tuple[Published, ...] = ()
     published_note: str = ""
     trains_on: tuple[str, str] | None = None
+    part: str = ""
 
     @property
     def label(self) -> str:

@@ -16,6 +16,7 @@ from .changes import assigned
 from .describe import protocol_record, run_record
 from .executor import Done, Job, Site, finished, work
 from .joining import joined, kept
+from .naming import run_folder
 from .plan import Cell, Plan, by_prior, check_preset, default_methods
 from .progress import Steps, steps
 from .protocol import Protocol
@@ -72,7 +73,7 @@ def run(
     settings: Sequence[Setting] = (),
     reuse: Sequence[Path] = (),
 ) -> Outcome:
-    """Compute the missing cells of a protocol into `out` (default: runs/<protocol>) and say what was done.
+    """Compute the missing cells of a protocol into `out` (default: see `run_folder`) and say what was done.
 
     A finished cell is never computed again while nothing that decides it changed; a cell whose method crashed is
     tried again. A method's failure becomes the reason of its scores and stops no other cell. Any number of runs may
@@ -90,7 +91,7 @@ def run(
     cells stay.
     """
     names = tuple(dict.fromkeys(default_methods(protocol, extra) if methods is None else methods))
-    folder, chosen = out or Path("runs") / protocol.name, None if seeds is None else tuple(seeds)
+    folder, chosen = out or run_folder(protocol, settings), None if seeds is None else tuple(seeds)
     # Absolute: a method may change the working directory.
     places = folder.absolute(), data and data.absolute()
     job = Job(protocol, names, chosen, preset, *places, tuple(command), tuple(extra))

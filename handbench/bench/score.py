@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..method import MethodInfo
 from ..registry import METHODS
 from . import given
+from .naming import run_folder
 from .opening import open_data, select
 from .plan import make_method, method_entries
 from .progress import Steps, steps
@@ -31,7 +32,8 @@ def score(
     allow_missing: bool = False,
     command: Iterable[str] = (),
 ) -> Outcome:
-    """Score a prediction folder beside the protocol's calibration rows, into `out` (default: runs/PROTOCOL-NAME).
+    """Score a prediction folder beside the protocol's calibration rows, into `out` (default: runs/PROTOCOL-NAME, and
+    what was narrowed).
 
     `name` is the method's name in the run, by default the manifest's. With `allow_missing`, a query without a picture
     and a picture with NaN become missing scores with their reason.
@@ -49,7 +51,7 @@ def score(
     entry = entry_of(found, name or found.manifest.method)
     method_entries((), (entry,))  # a name that is taken is told before the calibration rows are made
     methods = (*_calibration(protocol), entry.name)
-    place = out or Path("runs") / f"{protocol.name}-{entry.name}"
+    place = out or Path(f"{run_folder(protocol)}-{entry.name}")
     return run(protocol, methods, (found.manifest.seed,), None, place, data, command, extra=(entry,))
 
 

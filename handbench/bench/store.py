@@ -208,9 +208,12 @@ class Store:
             _remove(part)
 
     def adopt_cell(self, other: Store, cell: CellRecord) -> bool:
-        """Take a finished cell of another folder, pictures first; False if one of its pictures is not there."""
+        """Take a finished cell of another folder, pictures first; False if one of them is not there as it was kept."""
         pictures = [(other.picture(cell.key, query), self.picture(cell.key, query)) for query in cell.predictions]
-        if not all(other.own(source).is_file() for source, _ in pictures):
+        try:
+            for (source, _), digest in zip(pictures, cell.predictions.values(), strict=True):
+                other._check(source, digest, "it is not taken")
+        except (HandbenchError, OSError):
             return False
         for source, target in pictures:
             with writing(target):
@@ -226,7 +229,7 @@ class Store:
             if record is None:
                 return False
             state = other.sound_state(key)
-        except HandbenchError:
+        except (HandbenchError, OSError):
             return False
         with self.writing_prior(key, record.method, record.seed, record.config) as new:
             new.train_s, new.curve = record.train_s, record.curve

@@ -22,7 +22,7 @@ _MODULES = (
 _START = """\
 examples:
   handbench run smoke                     seconds: is everything in place?
-  handbench run quick                     train and score five methods, write the report
+  handbench run quick                     train and score six methods, write the report
   handbench report runs/quick             the table again
   handbench VERB --help                   options and examples of a verb
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -54,7 +53,7 @@ def add(verbs: Any) -> None:
     json_option(run)
     examples(
         run,
-        "run quick  # the protocol's five methods",
+        "run quick  # the protocol's six methods",
         "run quick --methods 'oracle,mean,urhand*' --seeds 0,1,2  # the ablations of URHand, three seeds",
         "run quick --methods oracle,mean,./mine.py  # a method of yours, from a file",
         "run quick --methods urhand --set steps=500  # shorter training, in runs/quick-steps-500",
@@ -73,6 +72,7 @@ def add(verbs: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from ..bench.naming import run_folder
     from ..bench.run import run
     from ..device import on_device
     from ..errors import InputError
@@ -85,7 +85,7 @@ def _run(arguments: argparse.Namespace) -> int:
         raise InputError(f"the file of {named} is not on the nodes of a cluster; install the method there as a package")
     shard = None if arguments.shard is None else Shard.parse(arguments.shard)
     command = ["handbench", *sys.argv[1:]]
-    out = arguments.out or Path("runs") / _folder(arguments, protocol.name)
+    out = arguments.out or run_folder(protocol, arguments.settings)
     chosen = (methods, arguments.seeds, arguments.preset, out, arguments.data)
     spread = {"shard": shard, "executor": arguments.executor, "cpus": arguments.cpus}
     with on_device(arguments.device):
@@ -116,13 +116,6 @@ def _others(arguments: argparse.Namespace, out: Path) -> tuple[Path, ...]:
     if arguments.reuse is not None and not arguments.reuse.is_dir():
         raise InputError(f"--reuse {arguments.reuse} is no folder; give one that holds run folders")
     return () if arguments.fresh else tuple(run_folders(arguments.reuse or out.resolve().parent))
-
-
-def _folder(arguments: argparse.Namespace, name: str) -> str:
-    """The run folder's name: what was narrowed or set is in it, so that it does not take the place of the whole run."""
-    changes = [*(arguments.subjects or ()), *([f"limit-{arguments.limit}"] if arguments.limit else [])]
-    changes += [f"{each.methods}-{each.name}-{each.value}" for each in arguments.settings]
-    return "-".join([name, *(re.sub(r"[^A-Za-z0-9.]+", "-", change).strip("-.") for change in changes)])[:120]
 
 
 def _say(outcome: Any, page: Path | None, shard: Any) -> None:

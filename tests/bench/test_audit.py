@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import handbench.studies.audit.evidence as evidence_module
+from handbench.bench.narrowing import narrowed
 from handbench.bench.protocol import Selection
 from handbench.bench.run import find_protocol, run
 from handbench.cli import main
@@ -23,6 +24,7 @@ from handbench.methods.oracle import OracleAvatar
 from handbench.reports import table
 from handbench.results.recordfile import sealed
 from handbench.scene import Directional, Environment, Point, Prediction, Query
+from handbench.settings import Setting
 from handbench.studies.audit import CHECKS, audit, injection, pixels, separation
 from handbench.studies.audit.evidence import Evidence, gather
 
@@ -400,6 +402,15 @@ def test_a_table_that_hides_nan_is_found(sound: Path, stage: injection.Stage) ->
 
     holds, detail = stage.check(gather(sound, filled, None, None))
     assert holds is False and "values of" in detail
+
+
+def test_a_part_of_a_protocol_with_other_settings_is_planned_again(tmp_path: Path) -> None:
+    changes = [Setting.parse("phong:texture=32"), Setting.parse("phong:roughness=0.3, 0.5")]
+    run(narrowed(find_protocol("smoke"), ("s02",), 1), ["oracle", "phong"], out=tmp_path, settings=changes)
+    assert gather(tmp_path, table, None, None).protocol.subjects == ("s02",)
+    assert verdict(tmp_path, "keys")[0] is True
+    edit(tmp_path / "run.json", lambda plan: plan["methods"][1].update(title="Phong (texture=64, roughness=0.3, 0.5)"))
+    assert verdict(tmp_path, "keys")[0] is False
 
 
 # -- bad input ------------------------------------------------------------------------------------------------------

@@ -81,6 +81,15 @@ def test_arrays_are_counted_once_wherever_they_are() -> None:
     assert held_bytes(None) == 0
 
 
+def test_the_hand_model_that_avatars_share_is_not_counted() -> None:
+    from handbench.hand import hand_model
+
+    hand = hand_model()
+    hand.topology(1)
+    assert held_bytes(vars(hand)) > 1 << 20
+    assert held_bytes({"hand": hand, "texture": np.zeros(5)}) == 40
+
+
 def test_sparse_tensors_count_their_indices_and_values() -> None:
     torch = pytest.importorskip("torch")
     sparse = torch.sparse_coo_tensor(torch.tensor([[0, 1, 1], [2, 0, 2]]), torch.ones(3), (2, 3))

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from handbench.bench.narrowing import narrowed
+from handbench.bench.naming import run_folder
+from handbench.bench.narrowing import narrowed, narrowed_as
 from handbench.bench.plan import make_plan
+from handbench.bench.reopening import protocol_of
 from handbench.bench.run import run
 from handbench.errors import InputError
 from handbench.reports import table
+from handbench.results.reading import read_run
+from handbench.settings import Setting
 
 
 def test_one_subject_is_scored_and_all_are_trained_on(fakes, toy_protocol, tmp_path):
@@ -40,6 +46,31 @@ def test_published_values_of_columns_that_go_go_too(toy_protocol):
     ]
     (row,) = narrowed(toy_protocol(published=published), ("s02",)).published
     assert row.values == (("subject", "psnr", 4.0),)
+
+
+@pytest.mark.parametrize(("subjects", "limit"), [(("s02",), None), (("s01", "s02"), 1), (None, 2)])
+def test_the_title_tells_how_a_protocol_was_narrowed(toy_protocol, subjects, limit):
+    whole = toy_protocol()
+    part = narrowed(whole, subjects, limit)
+    assert narrowed_as(whole, part.title) == part != whole
+    assert narrowed_as(whole, whole.title) is narrowed_as(whole, "Toy: only for you") is whole
+
+
+def test_a_part_of_a_protocol_has_a_run_folder_of_its_own(toy_protocol):
+    whole = toy_protocol()
+    settings = (Setting.parse("steps=5"), Setting.parse("urhand*:rate=1e-3"))
+    assert run_folder(whole) == Path("runs/toy")
+    assert run_folder(narrowed(whole, ("s02",), 4)) == Path("runs/toy-s02-limit-4")
+    assert run_folder(whole, settings) == Path("runs/toy-steps-5-urhand-rate-1e-3")
+
+
+def test_a_narrowed_run_finds_its_protocol_again(fakes, toy_protocol, tmp_path, monkeypatch):
+    run(narrowed(toy_protocol(), ("s02",), 1), out=tmp_path)
+    monkeypatch.setattr("handbench.bench.reopening.find_protocol", lambda name: {"toy": toy_protocol()}[name])
+    assert protocol_of(read_run(tmp_path), None) == narrowed(toy_protocol(), ("s02",), 1)
+    monkeypatch.setattr("handbench.bench.reopening.find_protocol", lambda name: toy_protocol(metrics=["ssim"]))
+    with pytest.raises(InputError, match="protocol toy@1 is not the one"):
+        protocol_of(read_run(tmp_path), None)
 
 
 def test_what_is_not_there_is_refused(toy_protocol):

@@ -53,11 +53,16 @@ def test_what_links_are_missing_is_copied(fakes, toy_protocol, tmp_path, monkeyp
     assert not list((tmp_path / "b").rglob("*.tmp"))
 
 
-@pytest.mark.parametrize("damage", ["picture", "cell", "state"])
+@pytest.mark.parametrize("damage", ["picture", "other picture", "linked pictures", "cell", "state"])
 def test_what_is_not_whole_there_is_computed_here(fakes, toy_protocol, tmp_path, damage):
     run(toy_protocol(), out=tmp_path / "a")
     if damage == "picture":
         next((tmp_path / "a").glob("predictions/*/*")).unlink()
+    elif damage == "other picture":
+        next((tmp_path / "a").glob("predictions/*/*")).write_bytes(b"other")
+    elif damage == "linked pictures":  # out of the folder, as to a larger disk
+        (tmp_path / "a" / "predictions").rename(tmp_path / "elsewhere")
+        (tmp_path / "a" / "predictions").symlink_to(tmp_path / "elsewhere")
     elif damage == "cell":
         next((tmp_path / "a").glob("cells/*")).write_text("{")
     else:
@@ -66,7 +71,7 @@ def test_what_is_not_whole_there_is_computed_here(fakes, toy_protocol, tmp_path,
         for path in (tmp_path / "a").glob("cells/*"):
             path.unlink()
     outcome = run(toy_protocol(), out=tmp_path / "b", reuse=(tmp_path / "a",))
-    assert outcome.computed == {"picture": 1, "cell": 1, "state": 2}[damage]
+    assert outcome.computed == {"picture": 1, "other picture": 1, "cell": 1}.get(damage, 2)
     assert len(Store(tmp_path / "b").run().cells) == 2
 
 

@@ -16,7 +16,7 @@ from ...bench.priors import Priors
 from ...bench.progress import steps
 from ...bench.protocol import Protocol, Selected
 from ...bench.reader import CaptureReader
-from ...bench.reopening import capture_of, protocol_of
+from ...bench.reopening import capture_of, changes_of, protocol_of
 from ...bench.store import Store
 from ...data.capture import Capture
 from ...registry import METHODS
@@ -55,14 +55,14 @@ class Evidence:
 
     @cached_property
     def planned(self) -> dict[str, Plan]:
-        """What this version of handbench would plan, by method: the same protocol, capture, preset and seeds."""
-        return {
-            each.name: make_plan(
-                self.protocol, self.capture.digest, [each.name], self.plan.seeds_for(each.name), each.preset
-            )
-            for each in self.plan.methods
-            if each.name not in self.foreign
-        }
+        """What this version of handbench would plan, by method: the same protocol, capture, preset, seeds, settings."""
+
+        def plan(each: MethodRecord) -> Plan:
+            seeds, changes = self.plan.seeds_for(each.name), changes_of(each)
+            digest = self.capture.digest
+            return make_plan(self.protocol, digest, [each.name], seeds, each.preset, changes=changes)
+
+        return {each.name: plan(each) for each in self.plan.methods if each.name not in self.foreign}
 
     @cached_property
     def metrics_module(self) -> ModuleType:
