@@ -106,7 +106,7 @@ def _data_check(arguments: argparse.Namespace) -> int:
     from ..files import check_file
 
     own = _own(arguments)
-    sheet = arguments.out or (Path(f"{arguments.capture.rstrip('/').rpartition('/')[2]}-check.png") if own else None)
+    sheet = arguments.out or (Path(f"{Path(arguments.capture).resolve().name}-check.png") if own else None)
     if sheet is not None:
         check_file(sheet, _ELSEWHERE)
     capture = _capture(arguments)

@@ -8,28 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..terminal import complain, say
-from .shared import json_option, preset, seed, tell
+from .shared import examples, json_option, preset, seed, tell
 
 if TYPE_CHECKING:
     from ..avatars.portrait import Portrait
     from ..bench.progress import Steps
-
-_EXAMPLES = """\
-examples:
-  handbench personalise uhm --from my-hand --out me.avatar
-  handbench personalise urhand-phone --from my-scan --prior runs/phone --out me.avatar
-  handbench personalise urhand --run runs/quick --subject s05 --out s05.avatar
-
-then: handbench relight me.avatar --light studio.exr --turn-light --out me.mp4
-"""
 
 
 def add(verbs: Any) -> None:
     personalise = verbs.add_parser(
         "personalise",
         help="make an avatar of a person from a folder of pictures, or of a subject of a run",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     personalise.add_argument("method", help="a name that 'handbench list methods' shows")
     source = personalise.add_mutually_exclusive_group(required=True)
@@ -52,6 +41,13 @@ def add(verbs: Any) -> None:
     personalise.add_argument("--licence", metavar="TEXT", help="what must be known before the avatar is given away")
     personalise.add_argument("--device", default="cpu", help="where networks run: cpu (default), cuda, cuda:1, …")
     json_option(personalise)
+    examples(
+        personalise,
+        "personalise uhm --from my-hand --out me.avatar",
+        "personalise urhand-phone --from my-scan --prior runs/phone --out me.avatar",
+        "personalise urhand --run runs/quick --subject s05 --out s05.avatar",
+        below="then: handbench relight me.avatar --light studio.exr --turn-light --out me.mp4",
+    )
     personalise.set_defaults(verb=_personalise)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..terminal import complain, say
-from .shared import json_option, names, seed, tell
+from .shared import examples, json_option, names, seed, tell
 
 if TYPE_CHECKING:
     from ..avatars.portrait import Portrait
@@ -17,23 +17,11 @@ if TYPE_CHECKING:
     from ..relighting.shots import Wish
     from ..scene import Pose
 
-_EXAMPLES = """\
-examples:
-  handbench relight me.avatar --light studio.exr --turn-light --out me.mp4
-  handbench relight me.avatar --light hall --light park:exposure=1 --out stills.png
-  handbench relight --run runs/quick --methods urhand,physical --subject s05 --light hall --turntable --out both.mp4
-  handbench relight me.avatar --light hall --pose wave.npz --out frames/
-
-lights: a .exr, .hdr or .ktx map, or a sky box, with :rotate=DEGREES,exposure=STOPS,clip (docs/environment-maps.md)
-"""
-
 
 def add(verbs: Any) -> None:
     relight = verbs.add_parser(
         "relight",
         help="show avatars under other light: stills, turning lights, turntables, sequences of poses",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_avatars(relight)
     relight.add_argument("--light", action="append", required=True, metavar="MAP", help="several: one after the other")
@@ -61,6 +49,15 @@ def add(verbs: Any) -> None:
         "--format", choices=("png", "exr"), default="png", help="of the pictures in a folder (exr: linear, not exposed)"
     )
     json_option(relight)
+    examples(
+        relight,
+        "relight me.avatar --light studio.exr --turn-light --out me.mp4",
+        "relight me.avatar --light hall --light park:exposure=1 --out stills.png",
+        "relight --run runs/quick --methods urhand,physical --subject s05 --light hall --turntable --out both.mp4",
+        "relight me.avatar --light hall --pose wave.npz --out frames/",
+        below="lights: a .exr, .hdr or .ktx map, or a sky box, with :rotate=DEGREES,exposure=STOPS,clip "
+        "(docs/environment-maps.md)",
+    )
     relight.set_defaults(verb=_relight, resumes=True)
 
 

@@ -7,30 +7,26 @@ from typing import Any
 
 from ..terminal import complain, say
 from .relight import add_avatars, portraits, size
-from .shared import port
-
-_EXAMPLES = """\
-examples:
-  handbench view me.avatar --open
-  handbench view one.avatar other.avatar --light studio.exr
-  handbench view --run runs/quick --methods urhand,physical --subject s05
-
-The page is for this machine alone (127.0.0.1). Ctrl-C ends it.
-"""
+from .shared import examples, port
 
 
 def add(verbs: Any) -> None:
     view = verbs.add_parser(
         "view",
         help="relight avatars live in the browser: turn camera and light, pick poses and maps, compare",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_avatars(view)
     view.add_argument("--light", action="append", metavar="MAP", help="maps beside the ten sky boxes")
     view.add_argument("--size", type=size, default=(256, 342), metavar="WxH", help="of a picture (default: 256x342)")
     view.add_argument("--port", type=port, default=0, metavar="N", help="(default: any that is free)")
     view.add_argument("--open", action="store_true", help="open the page in the browser")
+    examples(
+        view,
+        "view me.avatar --open",
+        "view one.avatar other.avatar --light studio.exr",
+        "view --run runs/quick --methods urhand,physical --subject s05",
+        below="The page is for this machine alone (127.0.0.1). Ctrl-C ends it.",
+    )
     view.set_defaults(verb=_view)
 
 
