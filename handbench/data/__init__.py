@@ -16,4 +16,6 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("harp", f"{_READERS}.harp:open_capture", "HARP's hands before one camera; bring them: HANDBENCH_HARP"),
     Entry("palm", f"{_READERS}.palm:open_capture", "PALM's people before seven cameras; bring them: HANDBENCH_PALM"),
     Entry("interhand", f"{_READERS}.interhand:open_capture", "InterHand2.6M; bring it: HANDBENCH_INTERHAND"),
+    Entry("reinterhand", f"{_READERS}.reinterhand:open_capture", "Re:InterHand; bring it: HANDBENCH_REINTERHAND"),
+    Entry("uhm", f"{_READERS}.uhm:open_capture", "phone scans as UHM reads them; bring them: HANDBENCH_UHM"),
 )

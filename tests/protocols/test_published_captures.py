@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import phonelookalike
 import pytest
 import syntheticmano
 from lookalikes import write_goliath, write_harp, write_palm
@@ -20,6 +21,7 @@ from handbench.data.openstage import open_capture
 from handbench.data.readers.goliath import Goliath
 from handbench.data.readers.harp import Harp
 from handbench.data.readers.interhand import InterHand
+from handbench.data.readers.uhm import Uhm
 from handbench.data.together import Together
 from handbench.hand import hand_model
 from handbench.protocols import parse
@@ -44,7 +46,9 @@ def selected(name: str, capture: Capture, **changes: Any) -> Any:
     table: dict[str, Any] = tomllib.loads((FOLDER / f"{name}.toml").read_text())
     if "capture" in table["train"]:
         table["train"] |= {"size": "mini", "lightings": ["group-*", "full"]}
-        table["subjects"]["trained"] = ["s01", "s02"]
+        table["subjects"] |= {"trained": ["s01", "s02"]}
+        if name == "uhm-phone":  # one of the four is in the look-alike
+            table["subjects"]["unseen"] = ["AXE977"]
         capture = Together(capture, STAGE)
     return select(parse({**table, **changes}, name), capture)
 
@@ -68,6 +72,16 @@ def test_harps_split(mano: Any, tmp_path: Path) -> None:
     write_harp(tmp_path, STAGE, mano)
     found = selected("harp-sequences", Harp(tmp_path))
     assert {f.pose_name[0] for f in found.enrol} == {"1"} and {f.pose_name[0] for f in found.scored["test"]} == {"6"}
+
+
+def test_uhms_phone_scans(mano: Any, tmp_path: Path) -> None:
+    phonelookalike.write_goliath(tmp_path, STAGE, mano)
+    found = selected("uhm-phone", Uhm(tmp_path))
+    assert [f.pose_name for f in found.enrol] == ["Right-000040", "Right-000041"]
+    assert [f.pose_name for f in found.scored["test"]] == ["Right-000042"]
+    for name in found.protocol.methods:
+        info = make_method(METHODS.entry(name), "quick").info
+        assert given.refusal(found, info, "AXE977") is None, name
 
 
 def test_goliaths_hands(tmp_path: Path) -> None:

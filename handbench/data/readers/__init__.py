@@ -1,7 +1,9 @@
 """Readers of captures that others publish, in their layouts, and plain folders: `open_at` tells which a folder is.
 
-interhand.py   InterHand2.6M;  harp.py: HARP;  goliath.py: Goliath's hands;  palm.py: PALM
+interhand.py   InterHand2.6M;  reinterhand.py: Re:InterHand;  harp.py: HARP;  goliath.py: Goliath's hands
+palm.py        PALM;  uhm.py: phone scans as UHM reads them, in the two layouts of scans.py
 place.py       where they lie;  masked.py: masks from meshes;  zipped.py: files in archives;  mano.py: MANO's hand
+keypoints.py   key points and numbers of others
 """
 
 from __future__ import annotations
@@ -11,9 +13,18 @@ from pathlib import Path
 from ...errors import InputError
 from ..capture import Capture
 from ..folder import FILE, open_folder
-from . import goliath, harp, interhand, palm
+from . import goliath, harp, interhand, palm, reinterhand, uhm
 
 __all__ = ["open_at"]
+
+_LAYOUTS = (
+    (interhand.fits, interhand.InterHand),
+    (reinterhand.fits, reinterhand.ReInterHand),
+    (harp.fits, harp.Harp),
+    (goliath.fits, goliath.Goliath),
+    (palm.fits, palm.Palm),
+    (uhm.fits, uhm.Uhm),
+)
 
 
 def open_at(folder: Path) -> Capture:
@@ -23,15 +34,11 @@ def open_at(folder: Path) -> Capture:
         raise InputError(f"folder {folder} does not exist; give a capture's name or a folder")
     if (folder / FILE).exists():
         return open_folder(folder)
-    if interhand.fits(folder):
-        return interhand.InterHand(folder)
-    if harp.fits(folder):
-        return harp.Harp(folder)
-    if goliath.fits(folder):
-        return goliath.Goliath(folder)
-    if palm.fits(folder):
-        return palm.Palm(folder)
+    for fits, made in _LAYOUTS:
+        if fits(folder):
+            return made(folder)
+    known = ", ".join(str(made.layout) for _, made in _LAYOUTS)
     raise InputError(
-        f"folder {folder} has no {FILE} and is of no layout that is known (InterHand2.6M, HARP, Goliath hands, PALM); "
-        f"write one with 'handbench data template {folder}'"
+        f"folder {folder} has no {FILE} and is of no layout that is known ({known}); write one with 'handbench data "
+        f"template {folder}'"
     )

@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterator
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from ..codes import read_codes
 from ..pictures import read_picture
 from ..picturesize import picture_size
 from ..poses import turned
+from .keypoints import fields
 from .mano import posed, right_hand
 from .place import check_size, place_of
 
@@ -142,15 +143,7 @@ def _files(sequence: Path, number: str) -> tuple[Path, Path, Path]:
 
 def _estimate(path: Path) -> dict[str, Array]:
     """METRO's estimate in a file: rot (3,), pose (45,), shape (10,), trans (3,), cam (3,)."""
-    table: Any = read_pickle(path, "estimate", _LIMIT)
-    found = {}
-    for name, size in _SIZES.items():
-        value = np.asarray(table.get(name) if isinstance(table, dict) else None)
-        if value.dtype.kind not in "fiu" or value.size != size or not np.isfinite(value).all():
-            raise InputError(f"estimate {path} has no {name} of {size} numbers; get it anew")
-        found[name] = value.astype(np.float64).ravel()
-        found[name].flags.writeable = False
-    return found
+    return fields(read_pickle(path, "estimate", _LIMIT), _SIZES, f"estimate {path}")
 
 
 def _camera(cam: Array, size: tuple[int, int]) -> Camera:

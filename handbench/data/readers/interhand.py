@@ -27,6 +27,7 @@ from ...scene import Array, Camera, Frame, Mesh, Observation, Pose, Unknown
 from ..capture import Capture
 from ..pictures import Stated, read_mask, read_picture
 from ..picturesize import picture_size
+from .keypoints import TIPS_FIRST, projected
 from .mano import posed, right_hand
 from .masked import covered
 from .place import check_size, lacking, place_of
@@ -52,8 +53,6 @@ _LIMIT = 2 << 30  # bytes of an annotation file
 _LIGHT = Unknown("studio")
 _FIT = {"pose": 48, "shape": 10, "trans": 3}
 _IMAGE = re.compile(r"image(\d+)\.jpg")
-# theirs: of each finger tip to knuckle, thumb first, then the wrist; ours: the wrist, then knuckle to tip
-_ORDER = (20, *(4 * finger + 3 - k for finger in range(5) for k in range(4)))
 
 
 def fits(folder: Path) -> bool:
@@ -117,8 +116,7 @@ class InterHand(Capture):
         if alpha is None and frame.mesh is not None:
             alpha = covered(frame.mesh, frame.camera)
         points, valid = said.joints(capture, frame.pose_name)
-        places, depth = frame.camera.project(points)
-        seen = np.c_[np.where(np.isfinite(places), places, 0.0), valid * (depth > 0)]
+        seen = projected(points, frame.camera) * np.c_[np.ones((len(points), 2)), valid]
         return Observation(image if alpha is None else image * alpha[..., None], alpha, keypoints=seen)
 
     # -- how frames are made ----------------------------------------------------------------------------------------
@@ -251,8 +249,8 @@ class _Annotations:
     def joints(self, capture: str, number: str) -> tuple[Array, Array]:
         """The right hand's 21 key points in metres and whether each is valid, in our order."""
         said = self._points[capture.removeprefix("Capture")][str(int(number))]
-        points = 0.001 * np.array(said["world_coord"], np.float64)[list(_ORDER)]
-        return points, np.array(said["joint_valid"], np.float64).ravel()[list(_ORDER)]
+        points = 0.001 * np.array(said["world_coord"], np.float64)[list(TIPS_FIRST)]
+        return points, np.array(said["joint_valid"], np.float64).ravel()[list(TIPS_FIRST)]
 
     def _of(self, table: Any, capture: str, kind: str) -> dict[str, Any]:
         found = table.get(capture.removeprefix("Capture")) if isinstance(table, dict) else None
