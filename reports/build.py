@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from statistics import median
 
 from handbench.bench.protocol import AXES
 from handbench.errors import unknown_name
@@ -13,20 +12,18 @@ from handbench.results.reading import Run, completed, merged, read_run
 from handbench.results.record import (
     CellRecord,
     ColumnRecord,
-    Cost,
     MethodRecord,
     MetricRecord,
     ProtocolRecord,
     PublishedRecord,
-    Spread,
 )
 from handbench.results.statistics import CONFIDENCE, least_p
 from handbench.results.values import Values, values_of
-from handbench.scene import FrameKind
 
 from .aggregate import Footnotes, column_cells, with_differences
 from .agreement import agreements
-from .model import Aggregate, Column, Footprint, Group, Kind, Metric, Row, Span, Table, Times
+from .cost import Times, footprint_of, times_of
+from .model import Aggregate, Column, Group, Kind, Metric, Row, Table
 from .printed import listed
 from .selection import ALL, Selection
 
@@ -35,7 +32,8 @@ def table(*run_folders: Path, baseline: str | None = None, selection: Selection 
     """The results of one run, or of several of one protocol version and capture, as one table, or some of it; see
     `build`."""
     runs = completed([read_run(folder) for folder in run_folders])
-    return build(*map(selection.of, runs), baseline=baseline)
+    found = build(*selection.among(runs), baseline=baseline)
+    return replace(found, remarks=(*found.remarks, *selection.gaps(runs)))
 
 
 def build(*runs: Run, baseline: str | None = None) -> Table:
@@ -160,7 +158,10 @@ def _remarks(protocol: ProtocolRecord) -> Iterator[str]:
         )
         if protocol.published_note:
             yield protocol.published_note
-        yield from dict.fromkeys(f"{row.marker or 'Published'}: {row.source}." for row in rows)
+        titles: dict[tuple[str, str], list[str]] = {}
+        for row in rows:
+            titles.setdefault((row.marker, row.source), []).append(row.title)
+        yield from (f"{marker or listed(named)}: {source}." for (marker, source), named in titles.items())
 
 
 def _old_times(runs: Sequence[Run]) -> Iterator[str]:
@@ -191,7 +192,8 @@ def _limits(rows: Sequence[Row], baseline: str) -> Iterator[str]:
     if short:
         count, methods = min(short)
         plural = "s" if count > 1 else ""
-        over = f" (corrected over {methods} methods {min(1.0, least_p(count) * methods):.2g})" if methods > 1 else ""
+        least = min(1.0, least_p(count) * methods)
+        over = f", after correction over {methods} methods below {least:.2g}" if methods > 1 else ""
         yield (
             f"Too few subjects to claim a difference for other hands: with {count} subject{plural} p cannot fall below "
             f"{least_p(count):.2g}{over}; intervals there tell of these hands and their frames."
@@ -200,7 +202,7 @@ def _limits(rows: Sequence[Row], baseline: str) -> Iterator[str]:
 
 def _row(source: _Source, kind: Kind, cells: tuple[Aggregate, ...]) -> Row:
     bends = [cell.laws.linearity for cell in source.cells if cell.laws.linearity is not None]
-    times = _times(source.cells)
+    times = times_of(source.cells)
     return Row(
         source.name,
         source.title,
@@ -212,27 +214,7 @@ def _row(source: _Source, kind: Kind, cells: tuple[Aggregate, ...]) -> Row:
         enrolment=source.method.enrolment,
         here=source.method.timed,
         floor=_is_floor(source.method),
-        footprint=_footprint([cell.cost for cell in source.cells]),
-    )
-
-
-def _footprint(costs: Sequence[Cost]) -> Footprint:
-    """Medians over cells, with the extremes."""
-
-    def span(values: Iterator[float | None], scale: float = 1.0) -> Span | None:
-        return _seconds([None if value is None else value / scale for value in values])
-
-    gpus = (max((own for own in (each.vram_mb, each.train_vram_mb) if own is not None), default=None) for each in costs)
-    weights = span((each.weights_bytes for each in costs), 2**20)
-    frames = (each.energy_j / each.drawn if each.energy_j is not None and each.drawn else None for each in costs)
-    return Footprint(
-        span(each.peak_mb for each in costs),
-        span(each.train_peak_mb for each in costs),
-        span(gpus),
-        span((each.avatar_bytes for each in costs), 2**20),
-        None if weights is None else weights.high,
-        max((each.parameters for each in costs if each.parameters is not None), default=None),
-        span(frames),
+        footprint=footprint_of([cell.cost for cell in source.cells]),
     )
 
 
@@ -246,29 +228,3 @@ def _marked(rows: tuple[Row, ...], baseline: int | None) -> tuple[Row, ...]:
         return replace(cell, unequal=mixed and cell.rank > 0, across=across)
 
     return tuple(replace(row, cells=tuple(marked(row, cell) for cell in row.cells)) for row in rows)
-
-
-def _times(cells: Sequence[CellRecord]) -> Times:
-    """Medians over cells, with the extremes of everything measured."""
-    times = [cell.times for cell in cells]
-    return Times(
-        _seconds([each.train_s for each in times]),
-        _seconds([each.personalise_s for each in times]),
-        _milliseconds([each.new_pose_ms for each in times]),
-        _milliseconds([each.known_pose_ms for each in times]),
-    )
-
-
-def _seconds(told: Sequence[float | None]) -> Span | None:
-    values = [value for value in told if value is not None]
-    return Span(median(values), min(values), max(values)) if values else None
-
-
-def _milliseconds(told: Sequence[Mapping[FrameKind, Spread]]) -> dict[str, Span]:
-    spreads: dict[str, list[Spread]] = {}
-    for kind, spread in (item for by_kind in told for item in by_kind.items()):
-        spreads.setdefault(kind, []).append(spread)
-    return {
-        kind: Span(median(s.median for s in each), min(s.min for s in each), max(s.max for s in each))
-        for kind, each in spreads.items()
-    }

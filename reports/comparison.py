@@ -58,7 +58,10 @@ def compare(*folders: Path, selection: Selection = ALL) -> Comparison:
     metric and run (Holm). Raises `InputError` for a folder without a readable run, for runs that cannot be compared,
     and if no method is in two of them.
     """
-    runs = [selection.of(read_run(folder)) for folder in folders]
+    every = [read_run(folder) for folder in folders]
+    runs = selection.among(every)
+    if len(runs) < len(every):
+        raise InputError(f"these runs cannot be compared: {' '.join(selection.gaps(every))}")
     for other in runs[1:]:
         if why := mismatch(runs[0], other):
             raise InputError(f"these runs cannot be compared: {why}")

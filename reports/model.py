@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from handbench.results.statistics import Difference
+
+from .cost import Footprint, Times
 
 LIGHT_TITLES = {  # of frame kinds, from the light that costs most to the one that costs least
     "environment": "an environment",
@@ -103,50 +104,6 @@ class Aggregate:
 
 
 @dataclass(frozen=True)
-class Span:
-    """A median with the least and the greatest of what was measured."""
-
-    median: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class Times:
-    """What a method costs; None or without an entry where not measured.
-
-    Seconds to train and to personalise one cell. By kind of frame, milliseconds of a new pose (pose and relight
-    together, nothing kept) and of a known pose under a new light (relight alone).
-    """
-
-    train_s: Span | None
-    personalise_s: Span | None
-    new_pose_ms: Mapping[str, Span]
-    known_pose_ms: Mapping[str, Span]
-
-
-@dataclass(frozen=True)
-class Footprint:
-    """What a method takes of the machine beside time (`handbench.results.record.Cost`); None where it is not told.
-
-    Over cells: the greatest resident memory while drawing and while training, and that of GPUs in either, the size of
-    an avatar's arrays, all in MiB; the trained state's size in MiB and its numbers; joules for a drawn frame.
-    """
-
-    memory_mb: Span | None = None
-    train_memory_mb: Span | None = None
-    vram_mb: Span | None = None
-    avatar_mb: Span | None = None
-    weights_mb: float | None = None
-    parameters: int | None = None
-    frame_j: Span | None = None
-
-    @property
-    def told(self) -> bool:
-        return any(value is not None for value in vars(self).values())
-
-
-@dataclass(frozen=True)
 class Row:
     """A method's line. Only kind "method" can be best: calibration and published rows are there for comparison.
 
@@ -169,7 +126,7 @@ class Row:
     enrolment: str = ""
     here: bool = True
     floor: bool = False
-    footprint: Footprint = Footprint()
+    footprint: Footprint = field(default_factory=Footprint)
 
     @property
     def suffix(self) -> str:
@@ -269,8 +226,9 @@ class Table:
 
     @property
     def compared(self) -> tuple[Row, ...]:
-        """The rows that are compared with the baseline."""
-        return tuple(row for row in self.rows if any(cell.difference for cell in row.cells))
+        """The rows that are compared with the baseline: all but the truth, which tells nothing of methods."""
+        told = (row for row in self.rows if row.kind != "calibration" or row.floor)
+        return tuple(row for row in told if any(cell.difference for cell in row.cells))
 
     @property
     def computed(self) -> tuple[Row, ...]:
@@ -295,6 +253,12 @@ class Table:
     @property
     def metrics(self) -> tuple[Metric, ...]:
         return tuple(dict.fromkeys(column.metric for column in self.columns))
+
+    def rows_of(self, group: Group) -> tuple[Row, ...]:
+        """The rows of a group's table: published ones that tell nothing of it are left out."""
+        told = self.of_group(group)
+        empty = {row.name for row in self.rows if all(row.cells[i].value is None for i in told)}
+        return tuple(row for row in self.rows if row.kind != "published" or row.name not in empty)
 
     def of_group(self, group: Group) -> tuple[int, ...]:
         """The positions of a group's columns."""

@@ -11,9 +11,10 @@ from handbench.studies.auditrecord import audit_told
 
 from .aggregate import RESAMPLES
 from .agreement import headline, sentence
+from .cost import Span
 from .figures import ERROR_SCALE, Panel
 from .frames import KINDS
-from .model import LIGHT_TITLES, Aggregate, Column, Span, Table
+from .model import LIGHT_TITLES, Aggregate, Column, Table
 from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments, shown, told
 from .pictures import colour_stops, error_uri, image_uri, png_uri
 from .printed import (

@@ -18,7 +18,6 @@ from .model import Group, Metric, Row, Table
 from .places import Box, Label, placed, width
 from .printed import UNEQUAL, number
 
-METRICS = 3  # the first of a protocol's metrics are drawn
 TIMES = {
     "known": "Known pose, new light, a frame",
     "new": "New pose, a frame",
@@ -99,12 +98,7 @@ class Drawing:
 
 def plots(table: Table) -> tuple[Plot, ...]:
     """Metric by metric, time by time, column by column; without those in which no measured method has a time."""
-    made = (
-        _plot(table, metric, time, group)
-        for metric in table.metrics[:METRICS]
-        for time in TIMES
-        for group in table.groups
-    )
+    made = (_plot(table, metric, time, group) for metric in table.metrics for time in TIMES for group in table.groups)
     return tuple(plot for plot in made if any(point.kind != "calibration" for point in plot.points))
 
 

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from handbench.results.record import UNEQUAL as UNEQUAL
 from handbench.results.statistics import Difference
 
-from .model import LIGHT_TITLES, Aggregate, Row, Span, Table
+from .cost import Span
+from .model import LIGHT_TITLES, Aggregate, Row, Table
 
 MEMORY_TITLES = ("drawing MiB", "training MiB", "GPU MiB", "avatar MiB", "weights MiB", "parameters", "J a frame")
 COST_TITLES = ("train s", "personalise s", "new pose ms", "known pose, new light ms", "min–max", "non-linearity")

@@ -13,24 +13,26 @@ from handbench.scene import Array
 from .frames import KINDS
 from .model import Table
 from .run import Run
+from .verdict import leader
 
 
 def scores(run: Run, table: Table) -> dict[str, Any]:
     """As the page's script reads it: `values[row][metric]` of each column are in the order of its frames.
 
-    A frame is (query, kind of light); None is a missing value. `best` is the row that wins most. Published rows have no
-    frames.
+    A frame is (query, kind of light); None is a missing value. `best` is the row that the verdict is about, or the
+    last. Published rows have no frames.
     """
     values, kinds, rows = values_of(run), _kinds(run), table.computed
     queries = list(dict.fromkeys(query for column in run.plan.protocol.columns for query in column.queries))
     places = {query: place for place, query in enumerate(queries)}
+    best = leader(table)
     return {
         "metrics": [
             {"name": m.name, "title": m.title, "unit": m.unit, "higher": m.higher_is_better, "decimals": m.decimals}
             for m in table.metrics
         ],
         "rows": [{"name": row.name, "title": row.title, "kind": row.kind} for row in rows],
-        "best": max(range(len(rows)), key=lambda i: sum(cell.rank == 1 for cell in rows[i].cells), default=0),
+        "best": rows.index(best) if best in rows else len(rows) - 1,
         "kinds": KINDS,
         "frames": [[query, kinds.get(query, "")] for query in queries],
         "columns": [

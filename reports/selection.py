@@ -20,13 +20,38 @@ class Selection:
     metrics: tuple[str, ...] = ()
     subjects: tuple[str, ...] = ()
 
+    def among(self, runs: Sequence[Run]) -> tuple[Run, ...]:
+        """Several runs, each with what it has of the methods; those that measured none of them are left out.
+
+        Raises `InputError` for a method that is in none of them, and as `of` does.
+        """
+        if len(runs) == 1 or not self.methods:
+            return tuple(map(self.of, runs))
+        _chosen("method of these runs", self.methods, [name for run in runs for name in _methods(run.plan)])
+        kept = []
+        for run in runs:
+            there = [p for p in self.methods if any(fnmatchcase(name, p) for name in _methods(run.plan))]
+            if any(fnmatchcase(name, p) for name in _names(run.plan) for p in there):
+                kept.append(replace(self, methods=tuple(there)).of(run))
+        if not kept:
+            raise InputError(f"none of {', '.join(self.methods)} was measured in any of these runs; name one that was")
+        return tuple(kept)
+
+    def gaps(self, runs: Sequence[Run]) -> tuple[str, ...]:
+        """Of several runs, which lack what of the methods that are asked for, a sentence each."""
+        lacking = {
+            str(run.folder): [p for p in self.methods if not any(fnmatchcase(name, p) for name in _methods(run.plan))]
+            for run in runs
+        }
+        return tuple(f"Not in {folder}: {', '.join(names)}." for folder, names in lacking.items() if names)
+
     def of(self, run: Run) -> Run:
         """The run with less in its plan. Raises `InputError` for a name that is not in it."""
         if self == ALL:
             return run
         plan = run.plan
         published = [row.method for row in plan.protocol.published]
-        methods = _chosen("method of this run", self.methods, [*(method.name for method in plan.methods), *published])
+        methods = _chosen("method of this run", self.methods, _methods(plan))
         subjects = set(_chosen("subject of this run", self.subjects, plan.subjects or _subjects(plan)))
         shown = tuple(plan.method(name) for name in methods if name not in set(published) - _names(plan))
         if not shown:
@@ -51,6 +76,11 @@ class Selection:
 
 
 ALL = Selection()
+
+
+def _methods(plan: RunRecord) -> list[str]:
+    """What can be a row: measured methods, then published ones."""
+    return [*(method.name for method in plan.methods), *(row.method for row in plan.protocol.published)]
 
 
 def _names(plan: RunRecord) -> set[str]:

@@ -8,7 +8,8 @@ import math
 from collections.abc import Iterator
 
 from .agreement import headline, sentence
-from .model import Aggregate, Column, Footprint, Row, Span, Table, Times
+from .cost import Footprint, Span, Times
+from .model import Aggregate, Column, Row, Table
 from .printed import (
     COST_TITLES,
     MEMORY_TITLES,
@@ -134,10 +135,10 @@ def _markdown(table: Table, style: Style) -> Iterator[str]:
         yield f"\n## {markdown(group.title)}\n"
         yield f"{markdown(' '.join(filter(None, (f'{group.counted}.', group.about))))}\n"
         yield from _pipes(["Method", *titles])
-        for row in table.rows:
+        for row in table.rows_of(group):
             yield _line([_title(row), *(_markdown_cell(row.cells[i], table.columns[i], style) for i in indices)])
         if table.baseline:
-            yield f"\nDifference to {markdown(table.baseline)}:\n"
+            yield f"\nDifference to {markdown(table.baseline)}, **bold** where the interval excludes zero:\n"
             yield from _pipes(["Method", *titles])
             for row in table.compared:
                 yield _line([_title(row), *(_difference(row.cells[i], table.columns[i]) for i in indices)])
@@ -204,5 +205,6 @@ def _difference(cell: Aggregate, column: Column) -> str:
     apart, decimals = cell.difference, column.metric.decimals
     if apart is None:
         return "–"
-    told = signed(apart.value, decimals) + UNEQUAL * cell.across
+    value = signed(apart.value, decimals)
+    told = (f"**{value}**" if apart.separated else value) + UNEQUAL * cell.across
     return " ".join(filter(None, (told, bounds(apart, decimals), markdown(chance(apart)))))

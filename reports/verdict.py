@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from handbench.results.statistics import CONFIDENCE, least_p
 
-from .model import LIGHT_TITLES, Column, Row, Span, Table, counted
+from .cost import Span
+from .model import LIGHT_TITLES, Column, Metric, Row, Table, counted
 from .printed import duration, listed, number
 
 
@@ -34,12 +35,10 @@ def answer(table: Table) -> Answer:
         return Answer(
             "No method was run beside the calibration rows, so there is nothing to compare.", "", "", warnings
         )
-    first = [table.of_group(group)[0] for group in table.groups]
-    wins = {row.name: [i for i in first if row.cells[i].rank == 1] for row in methods}
-    most = max(map(len, wins.values()))
-    leaders = [row for row in methods if len(wins[row.name]) == most]
+    first = _first(table)
+    leaders = _leaders(table)
     metric = table.metrics[0].title
-    if not most:
+    if not leaders:
         return Answer(
             f"No method can be called best by {metric}: none is above the floor on every frame.", "", "", warnings
         )
@@ -47,18 +46,43 @@ def answer(table: Table) -> Answer:
         return Answer(
             f"{methods[0].title} was run alone: there is no method to compare it with.", _scope(table), "", warnings
         )
+    found = _wins(table, leaders[0])
+    where = f"{_of(len(found), len(first))} by {metric}"
     if len(leaders) > 1:
-        each = f"each best, alone or with others, in {_of(most, len(first))} by {metric}"
+        each = f"each best, alone or with others, in {where}"
         return Answer(f"{listed([row.title for row in leaders])} are {each}.", _scope(table), "", warnings)
     (leader,) = leaders
-    found = wins[leader.name]
-    best = f"{leader.title} is best in {_of(most, len(first))} by {metric}{_ahead(table, methods, leader, found)}"
+    best = f"{leader.title} is best in {where}{_ahead(table, methods, leader, found)}"
     return Answer(
         f"{best}.{_others(table, leader)}",
         _claim(table, methods, leader, found),
         _cost(table, methods, leader, found[0]),
         warnings,
     )
+
+
+def leader(table: Table) -> Row | None:
+    """The method that the answer is about, which pages show first: of several that are best equally often by the first
+    metric the one that is best more often by all, then the first. None where no method is best anywhere."""
+    leaders = _leaders(table)
+    return max(leaders, key=lambda row: sum(cell.rank == 1 for cell in row.cells), default=None)
+
+
+def _first(table: Table) -> list[int]:
+    """The positions of the first metric's columns."""
+    return [table.of_group(group)[0] for group in table.groups]
+
+
+def _wins(table: Table, row: Row) -> list[int]:
+    """The columns of the first metric in which a row is best, alone or with others."""
+    return [i for i in _first(table) if row.cells[i].rank == 1]
+
+
+def _leaders(table: Table) -> list[Row]:
+    """The methods that are best in most columns by the first metric; none where nothing is best."""
+    methods = [row for row in table.rows if row.kind == "method"]
+    most = max((len(_wins(table, row)) for row in methods), default=0)
+    return [row for row in methods if most and len(_wins(table, row)) == most]
 
 
 def _of(count: int, all_of: int) -> str:
@@ -78,18 +102,31 @@ def _next(methods: Sequence[Row], leader: Row, index: int, column: Column) -> Ro
 
 
 def _ahead(table: Table, methods: Sequence[Row], leader: Row, found: Sequence[int]) -> str:
-    """ ", by 1.52 to 3.30 dB over the next", and with whom the mark is shared."""
+    """ ", by 1.52 to 3.30 dB over the next", and in how many columns the mark is shared."""
     gaps = []
     for index in found:
         if (other := _next(methods, leader, index, table.columns[index])) is not None:
-            gaps.append(abs((leader.cells[index].value or 0.0) - (other.cells[index].value or 0.0)))
-    metric = table.columns[found[0]].metric
-    low, high = (number(bound, metric.decimals) for bound in (min(gaps, default=0.0), max(gaps, default=0.0)))
-    told = (
-        f", by {low if low == high else f'{low} to {high}'} {metric.unit}".rstrip() + " over the next" if gaps else ""
-    )
-    shared = [i for i in found if any(row.cells[i].rank == 1 for row in methods if row is not leader)]
-    return told + (f"; in {len(shared)} of them another method cannot be told from it" if shared else "")
+            sign = 1.0 if table.columns[index].metric.higher_is_better else -1.0
+            gaps.append(sign * ((leader.cells[index].value or 0.0) - (other.cells[index].value or 0.0)))
+    shared = len(_shared(methods, leader, found))
+    told = _range_of(gaps, table.columns[found[0]].metric) if gaps else ""
+    return told + (f"; in {shared} of them another method cannot be told from it" if shared else "")
+
+
+def _range_of(gaps: Sequence[float], metric: Metric) -> str:
+    """How far ahead: a method that shares its mark may have the lower value of the two."""
+    low, high = (f"{number(abs(bound), metric.decimals)} {metric.unit}".rstrip() for bound in (min(gaps), max(gaps)))
+    if min(gaps) >= 0:
+        least = number(min(gaps), metric.decimals)
+        return f", by {high if low == high else f'{least} to {high}'} over the next"
+    if max(gaps) <= 0:
+        return f", {low if low == high else f'up to {low}'} behind the highest value"
+    return f", from {low} behind to {high} ahead of the best of the others"
+
+
+def _shared(methods: Sequence[Row], leader: Row, found: Sequence[int]) -> list[int]:
+    """The columns in which another method is best too."""
+    return [i for i in found if any(row.cells[i].rank == 1 for row in methods if row is not leader)]
 
 
 def _others(table: Table, leader: Row) -> str:
@@ -119,7 +156,9 @@ def _claim(table: Table, methods: Sequence[Row], leader: Row, found: Sequence[in
     alone = len(claimed) == len(found)
     if claimed:
         where = "in each of them" if alone else f"in {len(claimed)} of these {len(found)}"
-        told = f"The lead holds for other hands too {where} (paired test over subjects, p ≤ 0.05 after correction)."
+        over = " over those that come after" if _shared(methods, leader, found) else ""
+        test = "paired test over subjects, p ≤ 0.05 after correction"
+        told = f"The lead{over} holds for other hands too {where} ({test})."
     else:
         rivals = {i: sum(row.cells[i].complete and not row.cells[i].sunk for row in methods) - 1 for i in found}
         tested = [(table.columns[i].group.subjects, count) for i, count in rivals.items() if count]

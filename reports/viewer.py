@@ -25,6 +25,7 @@ from .pictures import KNEE, STOPS, beyond_white, palette, webp
 from .printed import number
 from .run import Run
 from .truth import truth_of
+from .verdict import leader
 
 PIXELS = 60e6  # in all pictures of a page together: about 10 MB
 SIDE = 512  # pixels, the greatest side of a picture
@@ -46,7 +47,7 @@ class Viewer:
 
 
 def viewer(run: Run, table: Table) -> Viewer | None:
-    """The viewer opens with the truth beside the method that is best in the table's first column.
+    """The viewer opens with the truth beside the method that the verdict is about, or the last.
 
     None for a run whose truth is not known: there is nothing to hold a method against.
     """
@@ -72,11 +73,9 @@ def viewer(run: Run, table: Table) -> Viewer | None:
     with ThreadPoolExecutor() as pool:  # pictures are decoded and coded outside of Python
         drawn = pool.map(frame, (query for query in scored if query in chosen))
         frames = [found for found in drawn if found is not None]
-    better = 1.0 if table.columns[0].metric.higher_is_better else -1.0
-    leading = {row.name: better * (row.cells[0].value or 0.0) for row in table.rows if row.cells[0].rank == 1}
-    best = max(leading, key=lambda name: leading[name], default=methods[-1].name)
+    names, best = [method.name for method in methods], leader(table)
     data = {
-        "best": 1 + [method.name for method in methods].index(best),
+        "best": 1 + names.index(best.name) if best and best.name in names else len(names),
         "titles": ["Truth", *(method.title for method in methods)],
         "metrics": [{"title": metric.title, "unit": metric.unit} for metric in run.plan.protocol.metrics],
         "columns": {column.name: column.title for column in run.plan.protocol.columns},
@@ -84,7 +83,7 @@ def viewer(run: Run, table: Table) -> Viewer | None:
         "scale": ERROR_SCALE,
         "knee": KNEE,
         "stops": STOPS,
-        "names": ["truth", *(method.name for method in methods)],
+        "names": ["truth", *names],
         "colours": palette().tobytes().hex(),
         "frames": frames,
     }

@@ -95,7 +95,7 @@ def _figures(shown: Shown, table: Table) -> dict[str, bytes]:
     found = {f"{FIGURES}/losses-{name}.png": picture for name, _, picture in shown.losses}
     by_kind = groupby(shown.panels, key=lambda panel: panel.kind)
     grids = [(kind, grid(tuple(of_kind), table.metrics[0])) for kind, of_kind in by_kind]
-    for name, files in (*grids, *pareto_figures([plot for plot in shown.plots if plot.time != "memory"])):
+    for name, files in (*grids, *pareto_figures(shown.plots)):
         found |= {f"{FIGURES}/{name}.{kind}": content for kind, content in files.items()}
     return found
 

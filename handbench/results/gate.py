@@ -74,17 +74,22 @@ def gate(
         return Outcome(Verdict.NOT_COMPARABLE, reasons=reasons)
     checks = list(_qualities(new, old, chosen, quality))
     remarks = list(_remarks(new, old, chosen))
-    if time is not None:
-        if why := _other_device(new, old, chosen):
-            if time_asked:
-                return Outcome(Verdict.NOT_COMPARABLE, reasons=(f"times of different devices: {why}",))
-            remarks.append(f"Times are not compared, the devices differ: {why}.")
-        else:
-            checks += _times(new, old, chosen, time)
-    if memory is not None:
-        if why := _other_device(new, old, chosen):
-            return Outcome(Verdict.NOT_COMPARABLE, reasons=(f"memory of different devices: {why}",))
-        checks += _memory(new, old, chosen, memory)
+    for what, allowed, asked in (("times", time, time_asked), ("memory", memory, True)):
+        if allowed is None:
+            continue
+        costs = list((_times if what == "times" else _memory)(new, old, chosen, allowed))
+        gaps = [method for method in chosen if method not in {check.method for check in costs}]
+        why = f"{what} of different devices: {why}" if (why := _other_device(new, old, chosen)) else ""
+        if not why and not costs:
+            why = f"no {what} of {', '.join(gaps)} in both runs"
+        if why and asked:
+            return Outcome(Verdict.NOT_COMPARABLE, reasons=(why,))
+        if why:
+            remarks.append(f"Not compared: {why}.")
+            continue
+        checks += costs
+        if gaps:
+            remarks.append(f"Not compared: no {what} of {', '.join(gaps)} in both runs.")
     unequal = {name for name in chosen if new.run.plan.method(name).enrolled_unlike(old.run.plan.method(name))}
     checks = [replace(check, unequal=check.method in unequal) for check in checks]
     found = {check.verdict for check in checks}

@@ -192,7 +192,7 @@ def test_times_of_another_device_are_left_out_or_refused(baseline: Path, tmp_pat
     candidate = write_run(tmp_path / "candidate", device={**CPU, "cores": 64}, relight=_noisy(9.0))
     outcome = _gate(candidate, baseline)
     assert outcome.verdict is Verdict.PASS and {check.kind for check in outcome.checks} == {"quality"}
-    assert "Times are not compared, the devices differ" in outcome.remarks[0] and "64 cores" in outcome.remarks[0]
+    assert "Not compared: times of different devices" in outcome.remarks[0] and "64 cores" in outcome.remarks[0]
     asked = _gate(candidate, baseline, time_asked=True)
     assert asked.verdict is Verdict.NOT_COMPARABLE and asked.sentence.startswith("not comparable: times of different")
     mine = {**CPU, "memory_gb": 8.1}
@@ -245,6 +245,21 @@ def test_unequal_enrolment_is_marked(baseline: Path) -> None:
     assert not any(check.unequal for check in gate(told("one picture"), told(""), Quality(0.01), 0.1).checks)
 
 
+def test_one_cell_cannot_tell_and_what_is_not_compared_is_told(tmp_path: Path) -> None:
+    def taking(name: str, **peaks: float) -> Path:
+        run = read_run(write_run(tmp_path / name, subjects=1))
+        for cell in run.cells:
+            run.store.write_cell(replace(cell, cost=Cost(peak_mb=peaks.get(cell.method.name))))
+        return run.folder
+
+    before = taking("before", good=500.0)
+    outcome = _gate(taking("after", good=510.0), before, memory=0.25)
+    assert outcome.verdict is Verdict.TOO_NOISY and [check.kind for check in outcome.noisy] == ["memory"]
+    assert "more subjects, frames, seeds or repeats tell" in outcome.sentence
+    assert "Not compared: no memory of fair in both runs." in outcome.remarks
+    assert _gate(taking("same", good=500.0), before, memory=0.25).noisy == ()
+
+
 def test_memory_is_gated_where_it_is_asked_for(baseline: Path, tmp_path: Path) -> None:
     def taking(name: str, peak: float) -> Path:
         run = read_run(write_run(tmp_path / name))
@@ -257,6 +272,8 @@ def test_memory_is_gated_where_it_is_asked_for(baseline: Path, tmp_path: Path) -
     outcome = _gate(large, small, memory=0.25)
     assert outcome.verdict is Verdict.REGRESSION and {c.kind for c in outcome.regressions} == {"memory"}
     assert _gate(large, small, memory=0.5).verdict is Verdict.PASS
-    assert _gate(small, baseline, memory=0.25).verdict is Verdict.PASS, "a run of before it was measured"
+    untold = _gate(small, baseline, memory=0.25)
+    assert untold.verdict is Verdict.NOT_COMPARABLE, "a run of before it was measured: nothing was compared"
+    assert untold.sentence == "not comparable: no memory of good, fair in both runs"
     assert main(["gate", str(large), "--baseline", str(small), "--memory", "25%", "--time", "off"]) == 1
     assert main(["gate", str(large), "--baseline", str(small), "--memory", "much"]) == 2

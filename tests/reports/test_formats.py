@@ -162,7 +162,7 @@ def test_differences_are_in_every_format(compared: Table) -> None:
     apart = row.cells[0].difference
     assert apart is not None and apart.low is not None and apart.high is not None
     value, low, high = (f"{abs(x):.2f}" for x in (apart.value, apart.low, apart.high))
-    text = f"−{value} [−{low}, −{high}] p 0.5"
+    text = f"**−{value}** [−{low}, −{high}] p 0.5"
     assert f"| Physical\\_BRDF & fit | {text} |".replace("\\_", "_") in render_markdown(compared)
     printed = _printed(compared, 120)
     assert f"−{value}" in printed and f"[−{low}, −{high}]" in printed and "difference to URHand" in printed

@@ -16,7 +16,8 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
 from handbench.reports import table, write_reports
-from handbench.reports.model import Aggregate, Column, Group, Metric, Row, Span, Table, Times
+from handbench.reports.cost import Span, Times
+from handbench.reports.model import Aggregate, Column, Group, Metric, Row, Table
 from handbench.reports.pareto import FRAME, TIMES, Plot, clock, draw, plots, seconds, told
 from handbench.reports.pareto_figures import pareto_figures
 from handbench.reports.places import SIZE, width

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from handbench.reports.cost import Times
 from handbench.reports.latex import render_latex
-from handbench.reports.model import Aggregate, Column, Group, Metric, Row, Table, Times
+from handbench.reports.model import Aggregate, Column, Group, Metric, Row, Table
 from handbench.reports.safe import csv_cell, latex_header
 from handbench.reports.text import render_csv, render_markdown
 

@@ -11,6 +11,7 @@ import pytest
 
 from handbench.errors import InputError
 from handbench.reports import as_json, render_csv, render_markdown, table
+from handbench.reports.comparison import compare
 from handbench.reports.run import read_run
 from handbench.reports.selection import Selection
 from handbench.reports.style import Style
@@ -45,6 +46,20 @@ def test_parts_of_a_run_complete_each_other_in_a_selection(tmp_path):
         (path if place % 2 else second / "cells" / path.name).unlink()
     (row,) = table(first, second, selection=Selection(methods=("good",))).rows
     assert row.name == "good" and all(cell.complete for cell in row.cells)
+
+
+def test_of_several_runs_each_gives_what_it_has_and_what_it_lacks_is_told(tmp_path):
+    first = write_run(tmp_path / "first", methods=("oracle", "good"), subjects=2, frames=2)
+    second = write_run(tmp_path / "second", methods=("oracle", "fair"), subjects=2, frames=2)
+    found = table(first, second, selection=Selection(methods=("fair", "good")))
+    assert [row.name for row in found.rows] == ["good", "fair"]
+    assert found.remarks[-2:] == (f"Not in {first}: fair.", f"Not in {second}: good.")
+    alone = table(first, second, selection=Selection(methods=("g*",)))
+    assert [row.name for row in alone.rows] == ["good"], "a run that has none of them is left out"
+    with pytest.raises(InputError, match="unknown method of these runs 'best'"):
+        table(first, second, selection=Selection(methods=("best", "good")))
+    with pytest.raises(InputError, match=f"cannot be compared: Not in {second}: good"):
+        compare(first, second, selection=Selection(methods=("good",)))
 
 
 def test_one_subject_is_its_own_mean(whole_run):

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from handbench.reports import render_csv, render_markdown, table, write_reports
-from handbench.reports.model import Table
-from handbench.reports.verdict import answer
+from handbench.reports.model import Row, Table
+from handbench.reports.verdict import answer, leader
 from handbench.results.reading import read_run, titled_apart
 from handbench.studies.auditrecord import Found, audit_told, keep_audit
 
@@ -51,6 +51,28 @@ def test_a_lead_is_claimed_where_the_test_allows_it_and_only_there(tmp_path: Pat
     assert "with 1 subject p cannot fall below 1)" in answer(alone).claim
     assert "°" in render_markdown(few) and "°" not in render_markdown(many).replace("°: ", "").partition("## ")[0]
     assert few.unclaimed and ",1,False," in render_csv(few) and ",1,True," in render_csv(many)
+
+
+def test_a_method_that_shares_its_mark_is_not_told_as_ahead(tmp_path: Path) -> None:
+    """In one of two columns the other method has the higher value, too little to tell: no lead is made of it."""
+    result = table(write_run(tmp_path / "many", _apart(0.5), subjects=6))
+    good, fair = result.rows[1:]
+    place = next(i for i, column in enumerate(result.columns) if i and column.metric == result.metrics[0])
+
+    def with_cell(row: Row, **changes: object) -> Row:
+        cells = (replace(cell, **changes) if i == place else cell for i, cell in enumerate(row.cells))  # type: ignore[arg-type]
+        return replace(row, cells=tuple(cells))
+
+    ahead = good.cells[place].value + 0.25  # type: ignore[operator]
+    rows = (result.rows[0], with_cell(good, claimed=False), with_cell(fair, rank=1, value=ahead))
+    found = answer(replace(result, rows=rows))
+    assert found.best.startswith(
+        "Good is best in both columns by PSNR, from 0.25 dB behind to 0.50 dB ahead of the best of the others; in 1 of "
+        "them another method cannot be told from it."
+    )
+    assert "The lead over those that come after holds for other hands too in 1 of these 2" in found.claim
+    behind = replace(result, rows=(result.rows[0], good, with_cell(fair, rank=1, value=ahead)))
+    assert leader(behind) == good, "the page shows first what the verdict is about"
 
 
 def test_what_cannot_win_is_no_rival_of_a_claim(tmp_path: Path) -> None:
