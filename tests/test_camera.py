@@ -53,6 +53,9 @@ def test_rays_go_through_the_middle_of_every_part_of_a_pixel(supersample: int) -
     assert np.allclose(places[..., 0], x) and np.allclose(places[..., 1], y[:, None]) and np.allclose(depth, 1.7)
     part = one.rays(supersample, Box(2, 1, 5, 4))
     assert np.array_equal(part, rays[supersample : 4 * supersample, 2 * supersample : 5 * supersample])
+    some = np.array([0, 9, 30, 47])  # of 6 rows of 8 pixels, row by row
+    parts = rays.reshape(6, supersample, 8, supersample, 3).swapaxes(1, 2).reshape(48, -1, 3)
+    assert np.array_equal(one.pixel_rays(some, supersample), parts[some])
     assert one.rays(dtype=np.float32).dtype == np.float32
 
 

@@ -98,12 +98,26 @@ class Camera:
         Of length 1 along z, so that `centre + depth * ray` is the point at a depth; s = 1 are the pixels' centres.
         """
         left, top, right, bottom = box or self.whole
-        offset = (np.arange(supersample) + 0.5) / supersample
-        columns = (np.arange(left, right)[:, None] + offset).reshape(-1, 1)
-        rows = (np.arange(top, bottom)[:, None] + offset).reshape(-1, 1)
-        # a ray is linear in column and row, so the grid is a sum of two small tables
+        by_row, by_column = self._ray_tables(supersample, dtype)
+        across = by_column[left * supersample : right * supersample]
+        return by_row[top * supersample : bottom * supersample, None] + across
+
+    def pixel_rays(self, pixels: Array, supersample: int = 1, dtype: DTypeLike = np.float64) -> Array:
+        """Those of `rays` that go through some pixels (P,), given as row * width + column: (P, s * s, 3)."""
+        s, (by_row, by_column) = supersample, self._ray_tables(supersample, dtype)
+        row, column = np.divmod(pixels, self.width)
+        within_row = np.broadcast_to(by_row.reshape(self.height, s, 1, 3), (self.height, s, s, 3))
+        within_column = np.broadcast_to(by_column.reshape(self.width, 1, s, 3), (self.width, s, s, 3))
+        rays = within_row.reshape(self.height, -1).take(row, axis=0)
+        rays += within_column.reshape(self.width, -1).take(column, axis=0)
+        return rays.reshape(-1, s * s, 3)
+
+    def _ray_tables(self, supersample: int, dtype: DTypeLike) -> tuple[Array, Array]:
+        """What rows (height * s, 3) and columns (width * s, 3) contribute to a ray, which is linear in both."""
         across, along, middle = self.ray_matrix
-        return (rows * along + middle).astype(dtype)[:, None] + (columns * across).astype(dtype)
+        offset = (np.arange(supersample) + 0.5) / supersample
+        columns, rows = ((np.arange(n)[:, None] + offset).reshape(-1, 1) for n in (self.width, self.height))
+        return (rows * along + middle).astype(dtype), (columns * across).astype(dtype)
 
     @property
     def whole(self) -> Box:

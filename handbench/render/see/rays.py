@@ -55,7 +55,9 @@ class RayScene:
         answer = self._scene.cast_rays(self._tensor.from_numpy(self._rays(origins, directions)))
         distance = answer["t_hit"].numpy()
         uv = answer["primitive_uvs"].numpy()
-        barycentric = np.concatenate([1.0 - uv.sum(axis=1, keepdims=True), uv], axis=1)
+        barycentric = np.empty((len(uv), 3), dtype=uv.dtype)
+        barycentric[:, 1:] = uv
+        barycentric[:, 0] = 1.0 - (uv[:, 0] + uv[:, 1])  # a sum along rows of two is ten times slower
         face = answer["primitive_ids"].numpy().astype(np.int32)
         return Hits(distance, face, barycentric, np.isfinite(distance))
 

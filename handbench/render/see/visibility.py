@@ -7,6 +7,7 @@ import numpy as np
 from ...scene import Array, Mesh
 from ...skips import note, skips
 from ..uv.atlas import Atlas
+from ..uv.columns import at_corners, inner, unit_columns, weighted
 from ..uv.surface import face_normals
 from .posedmesh import PosedMesh
 
@@ -150,16 +151,12 @@ def _shadow_origins(mesh: PosedMesh, atlas: Atlas) -> tuple[Array, Array, Array]
     vertices (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II, ch. 4), then off the triangle
     by the scene's epsilon. Starts that are lifted see a little over the horizon, others do not.
     """
-    vertices, faces = mesh.vertices, mesh.topology.faces
-    scene = mesh.rays
-    corners = faces[atlas.face]
-    vertex_normal = mesh.normals[corners]
-    corner = vertices[corners] - scene.centre
-    point = np.einsum("nk,nkc->nc", atlas.barycentric, corner)
-    height = np.einsum("nkc,nkc->nk", point[:, None] - corner, vertex_normal)
-    lift = np.einsum("nk,nkc->nc", -np.minimum(height, 0.0) * atlas.barycentric, vertex_normal)
-    smooth = np.einsum("nk,nkc->nc", atlas.barycentric, vertex_normal)
-    smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-12)
-    start = point + lift + scene.epsilon * face_normals(vertices, faces)[atlas.face]
-    reach = np.where(np.linalg.norm(lift, axis=1) > scene.epsilon, HORIZON, 0.0)
-    return start.astype(np.float32), smooth.astype(np.float32), reach.astype(np.float32)
+    scene, corners = mesh.rays, mesh.topology.faces[atlas.face]
+    weights = np.ascontiguousarray(atlas.barycentric.T)
+    places, normals = at_corners(mesh.vertices - scene.centre, corners), at_corners(mesh.normals, corners)
+    point, smooth = weighted(weights, places), unit_columns(weighted(weights, normals))
+    heights = np.stack([inner(point - place, normal) for place, normal in zip(places, normals, strict=True)])
+    lift = weighted(-np.minimum(heights, 0.0) * weights, normals)
+    above = scene.epsilon * face_normals(mesh.vertices, mesh.topology.faces)[atlas.face]
+    reach = np.where(np.sqrt(inner(lift, lift)) > scene.epsilon, HORIZON, 0.0)
+    return ((point + lift).T + above).astype(np.float32), smooth.T.astype(np.float32), reach.astype(np.float32)

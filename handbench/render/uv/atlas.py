@@ -23,6 +23,7 @@ from ...errors import InputError
 from ...scene import Array, Topology
 from ...skips import skips
 from ..see.rays import RayScene
+from .columns import at_corners, weighted
 
 # An atlas depends on nothing but the topology, which all poses of all subjects of a capture share.
 _KEPT = 16
@@ -133,8 +134,8 @@ class Atlas:
 
     def interpolate(self, attribute: Array) -> Array:
         """A vertex attribute (V, C) at the covered texels, (N, C)."""
-        corners = attribute[self.topology.faces[self.face]]
-        return np.einsum("nk,nkc->nc", self.barycentric, corners)
+        values = weighted(self.barycentric.T, at_corners(attribute, self.topology.faces[self.face]))
+        return np.ascontiguousarray(values.T)
 
     def gather(self, texture: Tensor) -> Tensor:
         """The covered texels (..., N) of maps (..., R, R); differentiable."""

@@ -19,7 +19,8 @@ from ..see.shadowmap import SIZE, SoftShadows
 from ..see.shadowstore import shadow_store, surface_key
 from ..see.visibility import VERSION, HardShadows
 from .atlas import Atlas
-from .surface import Relief, unit_rows
+from .columns import unit_columns
+from .surface import Relief
 
 CPU = torch.device("cpu")
 
@@ -33,8 +34,11 @@ class PosedSurface:
     def __init__(self, mesh: Mesh | PosedMesh, size: int, device: torch.device = CPU) -> None:
         self.mesh = PosedMesh.of(mesh)
         self.atlas = Atlas.of(self.mesh.topology, size)
-        self.position = torch.from_numpy(self.atlas.interpolate(self.mesh.vertices).T).float().to(device)
-        self.normal = torch.from_numpy(unit_rows(self.atlas.interpolate(self.mesh.normals)).T).float().to(device)
+        position, normal = (self.atlas.interpolate(values).T for values in (self.mesh.vertices, self.mesh.normals))
+        self.position, self.normal = (
+            torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32)).to(device)
+            for values in (position, unit_columns(normal))
+        )
         self._shadows: dict[tuple[object, ...], dict[bytes, Array]] = {}  # packed rows by light, by kind of shadows
 
     @cached_property
