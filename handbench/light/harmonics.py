@@ -7,6 +7,7 @@ Ramamoorthi and Hanrahan, "An Efficient Representation for Irradiance Environmen
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -22,10 +23,17 @@ def harmonics(directions: Array, degree: int) -> Array:
 
     Raises `InputError` for a degree that is not 0 to 3.
     """
+    return np.stack(harmonics_of(*np.moveaxis(np.asarray(directions), -1, 0), degree), axis=-1)
+
+
+def harmonics_of(x: Any, y: Any, z: Any, degree: int) -> list[Any]:
+    """The functions at unit directions of coordinates x, y and z, each as they are: arrays or tensors of any shape.
+
+    Raises `InputError` for a degree that is not 0 to 3.
+    """
     if not 0 <= degree <= HIGHEST:
         raise InputError(f"spherical harmonics of degree {degree} are not there; use 0 to {HIGHEST}")
-    x, y, z = np.moveaxis(np.asarray(directions), -1, 0)
-    rows = [np.full_like(x, 0.5 / math.sqrt(math.pi))]
+    rows = [0.5 / math.sqrt(math.pi) + 0.0 * x]
     if degree > 0:
         one = math.sqrt(0.75 / math.pi)
         rows += [one * y, one * z, one * x]
@@ -38,7 +46,7 @@ def harmonics(directions: Array, degree: int) -> Array:
         c, d = 0.5 * math.sqrt(105.0 / math.pi), 0.25 * math.sqrt(7.0 / math.pi)
         rows += [a * y * (3 * x * x - y * y), c * x * y * z, b * y * (5 * z * z - 1), d * z * (5 * z * z - 3)]
         rows += [b * x * (5 * z * z - 1), 0.5 * c * z * (x * x - y * y), a * x * (x * x - 3 * y * y)]
-    return np.stack(rows, axis=-1)
+    return rows
 
 
 def cosine_lobe(degree: int) -> Array:

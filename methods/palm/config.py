@@ -29,6 +29,9 @@ class Config:
     levels, level_features, table, base, finest     of the latter, see `HashGrid`
     geometry, appearance, material      widths of the hidden layers of f_g, f_rf, f_m
     features        of f_g for the other fields, beside the distance
+    skin_features   of each table of the encoding that f_rf and f_m share; None: as many as f_g's have (seed and code)
+    modulated       whether codes move the weights of the first layers of f_rf and f_m too, or are inputs alone (seed
+                    and code): networks of minutes else draw one skin for all people, lighter or darker
     phi, psi        sizes of the codes of geometry and appearance
     pose, shape     sizes of what the joints' angles and the shape are made into for the fields; the released code gives
                     them the pose and not the shape
@@ -77,6 +80,8 @@ class Config:
     appearance: tuple[int, ...] = (64, 64)
     material: tuple[int, ...] = (64, 64)
     features: int = 12
+    skin_features: int | None = 8
+    modulated: bool = True
     phi: int = 8
     psi: int = 24
     pose: int = 16
@@ -92,9 +97,9 @@ class Config:
     least_weight: float = 1e-3
 
     geometry_steps: int = 500
-    steps: int = 2000
+    steps: int = 2600
     normals_from: float = 0.0
-    light_from: float = 0.5
+    light_from: float = 0.4
     rays: int = 384
     patch: int = 24
     scan_points: int = 512
@@ -154,6 +159,8 @@ _SEED = Config(
     psi=32,
     pose=32,
     shape=16,
+    skin_features=None,
+    modulated=False,
     lipschitz=False,
     beta=1e-2,
     samples=64,
@@ -162,6 +169,7 @@ _SEED = Config(
     geometry_steps=0,
     steps=200_000,
     normals_from=0.25,
+    light_from=0.5,
     rays=1024,
     patch=32,
     scan_points=0,

@@ -6,6 +6,7 @@ TriPlane    a few dense grids and three planes: half the time of the hash grid o
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
@@ -81,7 +82,9 @@ class HashGrid(Encoding):
         if levels < 1 or not 2 <= base <= finest:
             raise InputError(f"hash grid: {levels} levels from {base} to {finest} nodes; give 1 or more, and rising")
         growth = (finest / base) ** (1.0 / max(1, levels - 1))
-        self.counts = [_counts(int(base * growth**level), aspect) for level in range(levels)]
+        # powers of roots are a little off: without the least bit more the finest level could be a node short
+        sides = [math.floor(base * growth**level * (1.0 + 1e-9)) for level in range(levels)]
+        self.counts = [_counts(nodes, aspect) for nodes in sides]
         self.rows = [min(int(np.prod([float(n) for n in counts])), 2**table) for counts in self.counts]
         self.size = levels * features
         self.tables = nn.ParameterList(_table(rows, features) for rows in self.rows)

@@ -9,6 +9,8 @@ from typing import NamedTuple, cast
 import torch
 from torch import Tensor, nn
 
+from handbench.light.harmonics import harmonics_of
+
 from .encoding import Encoding
 from .reflectance import Material
 
@@ -16,6 +18,23 @@ SHARPNESS = 100.0
 """Of the softplus in f_g: nearly a ReLU, but with a second derivative for the eikonal term."""
 
 _ALBEDO, _ROUGHNESS = (0.03, 0.77), (0.09, 0.9)  # least value and range (released code)
+_MODULATED = 0.1  # how far a code of unit entries moves a weight at first, standard deviation
+_DEGREE = 3  # of the harmonics of reflected directions: 16, "degree 4" in the literature of radiance fields
+
+
+class Modulation(nn.Module):
+    """What a code (C,) adds to the weights (O, I) of a layer: with it a person has a mixture of a layer's inputs of
+    their own. As the code is the same for all places, that costs next to nothing."""
+
+    def __init__(self, code: int, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.size = (outputs, inputs)
+        self.weights = nn.Linear(code, inputs * outputs, bias=False)
+        nn.init.normal_(self.weights.weight, std=_MODULATED / code**0.5)
+
+    def forward(self, code: Tensor) -> Tensor:
+        change: Tensor = self.weights(code).view(self.size)
+        return change
 
 
 class Geometry(NamedTuple):
@@ -28,18 +47,31 @@ class Geometry(NamedTuple):
 
 
 class Conditioned(nn.Module):
-    """Fully connected layers whose first one also sees a code (C,), the same for all N places: (N, I) to (N, O)."""
+    """Fully connected layers whose first one also sees a code (C,), the same for all N places: (N, I) to (N, O).
 
-    def __init__(self, inputs: int, code: int, hidden: Sequence[int], outputs: int, activation: nn.Module) -> None:
+    The code moves the first layer's biases, and its weights, too, if there is a `Modulation`.
+    """
+
+    def __init__(
+        self,
+        inputs: int,
+        code: int,
+        hidden: Sequence[int],
+        outputs: int,
+        activation: nn.Module,
+        modulated: bool = False,
+    ) -> None:
         super().__init__()
         sizes = [inputs, *hidden, outputs]
         self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
         self.code = nn.Linear(code, sizes[1], bias=False)
+        self.modulation = Modulation(code, inputs, sizes[1]) if modulated else None
         self.activation = activation
 
     def forward(self, x: Tensor, code: Tensor) -> Tensor:
         first, *rest = self.layers
-        x = first(x) + self.code(code)
+        weight = first.weight if self.modulation is None else first.weight + self.modulation(code)
+        x = nn.functional.linear(x, weight, first.bias) + self.code(code)
         for layer in rest:
             x = layer(self.activation(x))
         return x
@@ -97,13 +129,15 @@ class GeometryField(nn.Module):
 class RadianceField(nn.Module):
     """f_rf: place, features of f_g, reflected direction, normal, pose and code ψ to linear radiance in [0, 1]."""
 
-    def __init__(self, encoding: Encoding, features: int, code: int, hidden: Sequence[int]) -> None:
+    def __init__(self, encoding: Encoding, features: int, code: int, hidden: Sequence[int], modulated: bool) -> None:
         super().__init__()
         self.encoding = encoding
-        self.network = Conditioned(encoding.size + features + 16 + 3, code, hidden, 3, nn.ReLU())
+        inputs = encoding.size + features + (_DEGREE + 1) ** 2 + 3
+        self.network = Conditioned(inputs, code, hidden, 3, nn.ReLU(), modulated)
 
     def forward(self, x: Tensor, feature: Tensor, reflected: Tensor, normal: Tensor, code: Tensor) -> Tensor:
-        inputs = [self.encoding(x), feature, real_harmonics(reflected), normal]
+        directions = torch.stack(harmonics_of(*reflected.unbind(1), _DEGREE), dim=1)
+        inputs = [self.encoding(x), feature, directions, normal]
         return torch.sigmoid(self.network(torch.cat(inputs, dim=1), code))
 
 
@@ -114,56 +148,46 @@ class LipschitzLinear(nn.Linear):
         super().__init__(inputs, outputs)
         self.bound = nn.Parameter(2.0 * self.weight.detach().abs().sum(dim=1).max())
 
+    def limited(self, weight: Tensor) -> Tensor:
+        """Weights (O, I) with their rows scaled."""
+        scale = (nn.functional.softplus(self.bound) / weight.abs().sum(dim=1)).clamp_max(1.0)
+        return weight * scale[:, None]
+
     def forward(self, x: Tensor) -> Tensor:
-        scale = (nn.functional.softplus(self.bound) / self.weight.abs().sum(dim=1)).clamp_max(1.0)
-        return nn.functional.linear(x, self.weight * scale[:, None], self.bias)
+        return nn.functional.linear(x, self.limited(self.weight), self.bias)
 
 
 class MaterialField(nn.Module):
     """f_m: place, features of f_g, pose and code ψ to albedo, roughness and metallic.
 
     Looks places up in the tables of f_rf, as the released code does. With `lipschitz` its layers are bounded; then
-    every layer sees everything through bounded rows, the code too.
+    every layer sees everything through bounded rows, the code too. Where the code moves weights, rows are bounded for
+    each code.
     """
 
-    def __init__(self, places: int, features: int, code: int, hidden: Sequence[int], lipschitz: bool) -> None:
+    def __init__(
+        self, places: int, features: int, code: int, hidden: Sequence[int], lipschitz: bool, modulated: bool
+    ) -> None:
         super().__init__()
         sizes = [places + features + code, *hidden, 5]
         kind = LipschitzLinear if lipschitz else nn.Linear
         self.layers = nn.ModuleList(kind(a, b) for a, b in pairwise(sizes))
+        self.modulation = Modulation(code, sizes[0], sizes[1]) if modulated else None
 
     def forward(self, place: Tensor, feature: Tensor, code: Tensor) -> Material:
         x = torch.cat([place, feature, code.expand(len(place), -1)], dim=1)
-        for layer in self.layers[:-1]:
-            x = torch.relu(layer(x))
-        values = torch.sigmoid(self.layers[-1](x))
+        x = self._first(x, code)
+        for layer in self.layers[1:]:
+            x = layer(torch.relu(x))
+        values = torch.sigmoid(x)
         albedo = _ALBEDO[0] + _ALBEDO[1] * values[:, :3]
         return Material(albedo, _ROUGHNESS[0] + _ROUGHNESS[1] * values[:, 3], values[:, 4])
 
-
-def real_harmonics(directions: Tensor) -> Tensor:
-    """The 16 real spherical harmonics of degree 0 to 3 ("degree 4" in the literature of radiance fields), (N, 16)."""
-    x, y, z = directions.unbind(1)
-    xx, yy, zz = x * x, y * y, z * z
-    one = torch.ones_like(x)
-    return torch.stack(
-        [
-            0.28209479 * one,
-            -0.48860251 * y,
-            0.48860251 * z,
-            -0.48860251 * x,
-            1.09254843 * x * y,
-            -1.09254843 * y * z,
-            0.31539157 * (3.0 * zz - 1.0),
-            -1.09254843 * x * z,
-            0.54627422 * (xx - yy),
-            0.59004359 * y * (-3.0 * xx + yy),
-            2.89061144 * x * y * z,
-            0.45704580 * y * (1.0 - 5.0 * zz),
-            0.37317633 * z * (5.0 * zz - 3.0),
-            0.45704580 * x * (1.0 - 5.0 * zz),
-            1.44530572 * z * (xx - yy),
-            0.59004359 * x * (-xx + 3.0 * yy),
-        ],
-        dim=1,
-    )
+    def _first(self, x: Tensor, code: Tensor) -> Tensor:
+        first = cast(nn.Linear, self.layers[0])
+        if self.modulation is None:
+            return cast(Tensor, first(x))
+        weight = first.weight + self.modulation(code)
+        if isinstance(first, LipschitzLinear):
+            weight = first.limited(weight)
+        return nn.functional.linear(x, weight, first.bias)

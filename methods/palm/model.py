@@ -57,12 +57,13 @@ class PalmModel(nn.Module):
         self.pose = nn.Linear(3 * len(hand.parents), config.pose)
         self.shape = nn.Linear(hand.shape_size, config.shape) if config.shape else None
         self.geometry_field = GeometryField(
-            _encoding(config, aspect), code + config.phi, config.geometry, config.features
+            _encoding(config, aspect, None), code + config.phi, config.geometry, config.features
         )
-        encoding = _encoding(config, aspect)
-        self.radiance_field = RadianceField(encoding, outputs, code + config.psi, config.appearance)
+        encoding = _encoding(config, aspect, config.skin_features)
+        code += config.psi
+        self.radiance_field = RadianceField(encoding, outputs, code, config.appearance, config.modulated)
         self.material_field = MaterialField(
-            encoding.size, outputs, code + config.psi, config.material, config.lipschitz
+            encoding.size, outputs, code, config.material, config.lipschitz, config.modulated
         )
         self.phi = nn.Parameter(1e-8 * torch.randn(people, config.phi))
         self.psi = nn.Parameter(1e-8 * torch.randn(people, config.psi))
@@ -140,7 +141,8 @@ class PalmModel(nn.Module):
         return 2.0 * (x - low) / (high - low) - 1.0
 
 
-def _encoding(config: Config, aspect: list[float]) -> Encoding:
+def _encoding(config: Config, aspect: list[float], features: int | None) -> Encoding:
     if config.encoding == "hash":
-        return HashGrid(config.levels, config.level_features, config.table, config.base, config.finest, aspect)
-    return TriPlane(config.grids, config.plane, config.plane_features, aspect)
+        of_level = features or config.level_features
+        return HashGrid(config.levels, of_level, config.table, config.base, config.finest, aspect)
+    return TriPlane(config.grids, config.plane, features or config.plane_features, aspect)

@@ -11,12 +11,7 @@ from handbench.errors import InputError
 from handbench.hand import hand_model
 from handbench.methods.palm.config import PRESETS, Config
 from handbench.methods.palm.encoding import Encoding, HashGrid, TriPlane
-from handbench.methods.palm.fields import (
-    GeometryField,
-    LipschitzLinear,
-    MaterialField,
-    real_harmonics,
-)
+from handbench.methods.palm.fields import Conditioned, GeometryField, LipschitzLinear, MaterialField
 from handbench.methods.palm.model import PalmModel
 from handbench.methods.palm.settings import settings
 
@@ -52,6 +47,25 @@ def test_a_coarse_level_of_a_hash_grid_is_a_whole_grid() -> None:
     assert grid.rows[0] == np.prod(grid.counts[0]) and grid.rows[-1] == 2**8
     assert [max(counts) for counts in grid.counts] == sorted(max(counts) for counts in grid.counts)
     assert max(grid.counts[-1]) == 40
+
+
+@pytest.mark.parametrize(("base", "finest"), [(16, 512), (16, 2048), (4, 40), (10, 1000)])
+def test_the_finest_level_of_a_hash_grid_is_as_fine_as_told(base: int, finest: int) -> None:
+    """Whatever roots and powers round to: 16 * (2048 / 16) ** (1 / 15) to the fifteenth is below 2048."""
+    for levels in range(2, 24):
+        assert max(HashGrid(levels, 1, 4, base, finest, ASPECT).counts[-1]) == finest, levels
+
+
+def test_a_code_changes_how_inputs_are_mixed_and_nothing_without_a_code() -> None:
+    """Modulated, a person's code may turn an input on that another's turns off; by biases alone it cannot."""
+    torch.manual_seed(0)
+    x, codes = torch.randn(6, 5), torch.randn(2, 3)
+    for modulated in (False, True):
+        network = Conditioned(5, 3, (), 2, nn.ReLU(), modulated)
+        change = [network(x, code) - network(x, torch.zeros(3)) for code in codes]
+        flat = all(torch.allclose(moved, moved[:1].expand(6, 2), atol=1e-6) for moved in change)
+        assert flat is not modulated
+    assert torch.equal(network(x, torch.zeros(3)), network.layers[0](x))
 
 
 def _field(hidden: tuple[int, ...]) -> tuple[GeometryField, Tensor, Tensor]:
@@ -122,25 +136,14 @@ def test_a_bounded_layer_never_changes_faster_than_its_bound() -> None:
     assert torch.allclose(free(x), nn.functional.linear(x, free.weight, free.bias))
 
 
-def test_materials_are_in_their_ranges() -> None:
+@pytest.mark.parametrize("modulated", [False, True])
+def test_materials_are_in_their_ranges(modulated: bool) -> None:
     torch.manual_seed(0)
-    field = MaterialField(6, 5, 4, (16,), lipschitz=True)
+    field = MaterialField(6, 5, 4, (16,), lipschitz=True, modulated=modulated)
     made = field(1e3 * torch.randn(50, 6), torch.randn(50, 5), torch.randn(4))
     assert made.albedo.min() >= 0.03 and made.albedo.max() <= 0.8 + 1e-6
     assert made.roughness.min() >= 0.09 and made.roughness.max() <= 0.99 + 1e-6
     assert made.metallic.min() >= 0.0 and made.metallic.max() <= 1.0 and made.albedo.shape == (50, 3)
-
-
-def test_harmonics_are_orthonormal() -> None:
-    """Over the sphere, by Gauss-Legendre in z and evenly around: exact for their degree."""
-    z, weight = np.polynomial.legendre.leggauss(8)
-    turn = 2 * np.pi * np.arange(16) / 16
-    grid_z, grid_turn = np.meshgrid(z, turn, indexing="ij")
-    across = np.sqrt(1 - grid_z**2)
-    directions = np.stack([across * np.cos(grid_turn), across * np.sin(grid_turn), grid_z], axis=-1).reshape(-1, 3)
-    values = real_harmonics(torch.from_numpy(directions))
-    area = torch.from_numpy(np.repeat(weight, 16) * 2 * np.pi / 16)
-    assert torch.allclose(values.T @ (area[:, None] * values), torch.eye(16, dtype=torch.float64), atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["quick", "smoke"])
