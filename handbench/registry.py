@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 from .errors import InputError, unknown_name
+from .installed import points
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Registry:
     def entries(self) -> dict[str, Entry]:
         """All plug-ins by name, ours first; one that is broken, or whose name is taken, is there as `Broken`."""
         found: dict[str, Entry] = {entry.name: entry for entry in importlib.import_module(self.package).ENTRIES}
-        for point in importlib.metadata.entry_points(group=self.group):
+        for point in points(self.group):
             entry = _entry(point)
             if entry.name in found:
                 why = f"broken: two {self.kind} plug-ins have this name; uninstall one of them"

@@ -15,6 +15,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 
@@ -94,10 +95,10 @@ class _Modules:
         if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
             return None
         path = Path(spec.origin)
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        code, imports = _parsed(path.read_text(encoding="utf-8"))
         package = name if spec.submodule_search_locations is not None else name.rpartition(".")[0]
-        imports = dict.fromkeys(_imports(tree, package, self._specs))
-        return _Module(ast.dump(tree), tuple(imports), path.parent if package else path.with_name("weights"))
+        named = dict.fromkeys(name for each in imports for name in _named(each, package, self._specs))
+        return _Module(code, tuple(named), path.parent if package else path.with_name("weights"))
 
 
 def _data_lines(folders: set[Path], files: _Digests) -> Iterator[str]:
@@ -161,22 +162,41 @@ class _Digests:
         return digest
 
 
-def _imports(tree: ast.AST, package: str, specs: dict[str, ModuleSpec | None]) -> Iterator[str]:
-    """The modules that import statements anywhere in a module name; `package` is what its relative imports mean.
+@dataclass(frozen=True)
+class _Import:
+    """An import statement: `from base import names`, `level` dots before the base; `import base` has no names."""
+
+    base: str
+    level: int = 0
+    names: tuple[str, ...] = ()
+
+
+@lru_cache(maxsize=1024)
+def _parsed(text: str) -> tuple[str, tuple[_Import, ...]]:
+    """A module's code without comments and layout, and its import statements, wherever they stand."""
+    tree, found = ast.parse(text), list[_Import]()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += (_Import(alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            found.append(_Import(node.module or "", node.level, tuple(alias.name for alias in node.names)))
+    return ast.dump(tree), tuple(found)
+
+
+def _named(found: _Import, package: str, specs: dict[str, ModuleSpec | None]) -> Iterator[str]:
+    """The modules that an import statement names; `package` is what a relative one means.
 
     `from package import module` names the module alone: a package's table of plug-ins is not a plug-in's code.
     """
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                above = package.split(".")[: len(package.split(".")) - node.level + 1]
-                base = ".".join(above + ([base] if base else []))
-            for alias in node.names:
-                inner = f"{base}.{alias.name}"
-                yield inner if _spec(inner, specs) else base
+    base = found.base
+    if found.level:
+        above = package.split(".")[: len(package.split(".")) - found.level + 1]
+        base = ".".join(above + ([base] if base else []))
+    if not found.names:
+        yield base
+    for name in found.names:
+        inner = f"{base}.{name}"
+        yield inner if _spec(inner, specs) else base
 
 
 def _spec(name: str, known: dict[str, ModuleSpec | None]) -> ModuleSpec | None:

@@ -14,6 +14,7 @@ import pytest
 
 import handbench.methods
 import handbench.reports
+from handbench import registry
 from handbench.bench import check, run
 from handbench.bench.run import Outcome
 from handbench.cli import main
@@ -187,7 +188,7 @@ def test_a_broken_plugin_hides_no_other(monkeypatch, capsys):
 
     good = point("good", "handbench.methods:GOOD")
     points = [point("gone", "no_such_package:ENTRY"), point("tuple", "handbench.methods:ENTRIES"), good]
-    monkeypatch.setattr(metadata, "entry_points", lambda group: points)
+    monkeypatch.setattr(registry, "points", lambda group: points)
     assert METHODS.load("good") is json.loads and METHODS.entry("mean").name == "mean"
     with pytest.raises(InputError, match=r"'gone' is broken: ModuleNotFoundError: .*uninstall or mend it"):
         METHODS.entry("gone")

@@ -19,13 +19,13 @@ scored frames and subject.
 
 from __future__ import annotations
 
-import importlib.metadata
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 from .. import __version__
 from ..errors import HandbenchError, InputError
+from ..installed import version
 from ..method import Method
 from ..metricspec import MetricSpec
 from ..registry import METHODS, METRICS, Entry
@@ -138,7 +138,7 @@ def make_plan(
     metrics = [METRICS.entry(MetricSpec.parse(spec).name).target for spec in protocol.metrics]
     code = source_digests([*metrics, *(entry.target for entry in entries.values())])
     scoring = digest([code[target] for target in metrics])
-    versions = [__version__, *map(_version, _PACKAGES)]
+    versions = [__version__, *map(version, _PACKAGES)]
     cells = []
     for name, entry in entries.items():
         chosen = preset or protocol.preset_of(name)
@@ -174,11 +174,3 @@ def _resolved(entry: Entry, preset: str) -> Mapping[str, Any] | None:
     except (TypeError, ValueError) as error:
         raise InputError(f"plug-in {entry.name!r} has a config that holds no JSON value: {error}") from error
     return config
-
-
-def _version(package: str) -> str | None:
-    """The version of an installed package, found without importing it."""
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from .. import __version__
 from ..device import device_name
+from ..installed import owner_version, version
 from ..memory import physical_memory
 from ..results.record import Device, Git, Plugin, Provenance
 
@@ -55,13 +56,11 @@ def git_state(file: Path) -> Git | None:
 def plugins(targets: Iterable[str]) -> dict[str, Plugin]:
     """Version, commit and dirty flag of the packages other than handbench that plug-ins ("module:attribute") are of."""
     roots = sorted({target.partition(":")[0].partition(".")[0] for target in targets} - {"handbench"})
-    owners = importlib.metadata.packages_distributions() if roots else {}
     found = {}
     for root in roots:
         spec = importlib.util.find_spec(root)
         git = git_state(Path(spec.origin)) if spec and spec.origin else None
-        versions = [importlib.metadata.version(name) for name in owners.get(root, ())]
-        found[root] = Plugin(next(iter(versions), None), git)
+        found[root] = Plugin(owner_version(root), git)
     return found
 
 
@@ -70,10 +69,8 @@ def packages() -> dict[str, str]:
     found = {}
     for requirement in importlib.metadata.requires("handbench") or []:
         name = re.split(r"[^A-Za-z0-9._-]", requirement, maxsplit=1)[0]
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
+        if (known := version(name)) is not None:
+            found[name] = known
     return dict(sorted(found.items()))
 
 

@@ -232,8 +232,8 @@ def test_source_digest_follows_into_handbench(monkeypatch, tmp_path):
     (tmp_path / "plugsolo.py").write_text("from handbench.scene import Query\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     with_scene = source_digest("plugsolo:create")
-    real = source.ast.parse
-    monkeypatch.setattr(source.ast, "parse", lambda text: real(text.replace("Directional", "Sun")))
+    real = source._parsed
+    monkeypatch.setattr(source, "_parsed", lambda text: real(text.replace("Directional", "Sun")))
     assert source_digest("plugsolo:create") != with_scene
 
 
@@ -250,6 +250,6 @@ def test_every_registered_plugin_has_source():
 @pytest.mark.parametrize("package", ["torch", "jax", "mitsuba"])
 def test_another_release_of_a_package_that_computes_is_another_key(fakes, toy_protocol, monkeypatch, package):
     before = key(toy_protocol())
-    real = plans.importlib.metadata.version
-    monkeypatch.setattr(plans.importlib.metadata, "version", lambda name: "99.0" if name == package else real(name))
+    real = plans.version
+    monkeypatch.setattr(plans, "version", lambda name: "99.0" if name == package else real(name))
     assert key(toy_protocol()) != before
