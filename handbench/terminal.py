@@ -6,12 +6,14 @@ Names, titles and error texts come from files and plug-ins of others. Everything
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
+_PIPED = 120  # characters
 # Control characters become their pictures (ESC is "␛"), of the same width; what turns the direction of writing, or
 # ends a line unseen, becomes "�".
 _PICTURES = {code: 0x2400 + code for code in range(32) if chr(code) not in "\t\n"} | {0x7F: 0x2421}
@@ -35,10 +37,15 @@ def complain(text: object) -> None:
 
 
 def show(renderable: RenderableType) -> None:
-    """Print a rich renderable on standard output; square brackets in its texts mean themselves."""
+    """Print a rich renderable on standard output; square brackets in its texts mean themselves.
+
+    What is piped has no width: it is written as for a wide terminal, unless COLUMNS says one.
+    """
     from rich.segment import Segment, Segments
 
     terminal = console()
+    if not terminal.is_terminal and "COLUMNS" not in os.environ:
+        terminal.width = _PIPED
     segments = [Segment(printable(text), style, control) for text, style, control in terminal.render(renderable)]
     terminal.print(Segments(segments), end="")
 

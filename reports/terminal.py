@@ -1,11 +1,16 @@
-"""The table for a terminal: one grid a column group, then times and footnotes."""
+"""The table for a terminal: a grid for each column, beside each other as far as there is room, then costs and notes.
+
+Whatever a terminal can draw, what is best is told by signs too: text that is piped or read aloud has no bold.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
-from rich.console import Group as Lines
-from rich.console import RenderableType
+from rich.columns import Columns
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -34,20 +39,67 @@ from .verdict import answer
 
 STYLES = {0: "", 1: "bold green", 2: "underline"}
 OPEN_STYLES = {1: "bold dim", 2: "underline dim"}  # of marks that hold for these hands alone
+SIGNS = {0: "", 1: "¹", 2: "²"}
+OPEN = "°"
+_BETWEEN = 3  # characters between two grids
 
 
 def render_terminal(table: Table, style: Style = PLAIN) -> RenderableType:
-    """A rich renderable: print it with a `rich.console.Console`. Intervals and deviations only if `style` asks."""
-    table = style.rounded(table)
-    notes = [Text(f"{letter(index)}  {note}") for index, note in enumerate(table.footnotes, start=1)]
-    legend = "bold: best, underlined: second, with all that cannot be told from them (dim: not claimable for other "
-    legend += "hands); calibration (*), published rows, values that miss frames and what is not above the floor "
-    legend += f"({SUNK}) cannot win{'; bold differences: the interval excludes zero' if table.baseline else ''}"
-    told = (*table.remarks, *table.limits, legend, *((UNEQUAL_NOTE,) if table.unequal else ()))
-    remarks = [*(Text(text, style="dim") for text in told), *map(Text, answer(table).sentences)]
-    grids = [grid for group in table.groups for grid in (_grid(table, group, style), *_differences(table, group))]
-    costs = (*_costs(table, style), *(() if style.times is False else _footprints(table)))
-    return Lines(Text(table.title, style="bold"), *grids, *costs, *_agreements(table), *notes, *remarks)
+    """A rich renderable: print it with a `rich.console.Console`. Unless `style` says, it has intervals and deviations
+    where they have room on a line."""
+    return _Printed(style.rounded(table), style)
+
+
+@dataclass(frozen=True)
+class _Printed:
+    table: Table
+    style: Style
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        table, style = self.table, self.style
+        yield Text(table.title, style="bold")
+        full = replace(
+            style,
+            intervals=True if style.intervals is None else style.intervals,
+            seeds=True if style.seeds is None else style.seeds,
+        )
+        grids = list(_grids(table, full))
+        if _widest(console, options, grids) > options.max_width:
+            grids = list(_grids(table, style))
+        if console.is_terminal and 2 * _widest(console, options, grids) + _BETWEEN <= options.max_width:
+            yield Columns(grids, padding=(0, _BETWEEN))
+        else:
+            yield from grids
+        yield from _costs(table, style)
+        yield from () if style.times is False else _footprints(table)
+        yield from _agreements(table)
+        yield from (Text(f"{letter(index)}  {note}") for index, note in enumerate(table.footnotes, start=1))
+        yield from (Text(text, style="dim") for text in (*table.remarks, *table.limits, *_legend(table)))
+        yield from map(Text, answer(table).sentences)
+
+
+def _grids(table: Table, style: Style) -> Iterator[RichTable]:
+    for group in table.groups:
+        yield _grid(table, group, style)
+        yield from _differences(table, group)
+
+
+def _widest(console: Console, options: ConsoleOptions, grids: Sequence[RichTable]) -> int:
+    """The characters that the widest grid asks for."""
+    endless = options.update(width=10_000)
+    return max(Measurement.get(console, endless, grid).maximum for grid in grids)
+
+
+def _legend(table: Table) -> Iterator[str]:
+    """What the signs mean."""
+    yield (
+        f"{SIGNS[1]} best, {SIGNS[2]} second, with all that cannot be told from them"
+        + (f" ({OPEN} holds for these hands, not claimable for others)" if table.unclaimed else "")
+        + "; calibration (*), published rows, values that miss frames and what is not above the floor "
+        + f"({SUNK}) cannot win{'; bold differences: the interval excludes zero' if table.baseline else ''}"
+    )
+    if table.unequal:
+        yield UNEQUAL_NOTE
 
 
 def _agreements(table: Table) -> Iterator[Text]:
@@ -65,8 +117,10 @@ def _grid(table: Table, group: Group, style: Style) -> RichTable:
     for index in indices:
         metric = table.columns[index].metric
         grid.add_column(Text(f"{metric.title} {metric.arrow}"), justify="right", overflow="fold")
-    for row in table.rows:
-        grid.add_row(*_head(row), *(_cell(row.cells[index], table.columns[index], style) for index in indices))
+    room = [max(len(_signs(row.cells[index])) for row in table.rows) for index in indices]
+    for row in table.rows_of(group):
+        cells = zip(indices, room, strict=True)
+        grid.add_row(*_head(row), *(_cell(row.cells[i], table.columns[i], style, wide) for i, wide in cells))
     return grid
 
 
@@ -101,11 +155,11 @@ def difference_text(apart: Difference | None, metric: Metric) -> Text:
 def _costs(table: Table, style: Style) -> Iterator[RichTable]:
     if style.times is False:
         return
-    grid = _empty(costs_title(table), table.computed)
+    grid = _empty(costs_title(table), table.computed, enrolment=False)
     for title in COST_TITLES:
         grid.add_column(title.replace(" ", "\n").replace("non-", "non-\n"), justify="right", overflow="fold")
     for row in table.computed:
-        grid.add_row(*_head(row), *cost_texts(row, table.timed_kind))
+        grid.add_row(_name(row), *cost_texts(row, table.timed_kind))
     yield grid
 
 
@@ -114,21 +168,22 @@ def _footprints(table: Table) -> Iterator[RichTable]:
         return
     texts = [memory_texts(row) for row in table.footprints]
     told = [i for i in range(len(MEMORY_TITLES)) if any(text[i] != "–" for text in texts)]
-    grid = _empty("Memory, sizes and energy", table.footprints)
+    grid = _empty("Memory, sizes and energy", table.footprints, enrolment=False)
     for i in told:
         grid.add_column(MEMORY_TITLES[i].replace(" ", "\n", 1), justify="right", overflow="fold")
     for row, text in zip(table.footprints, texts, strict=True):
-        grid.add_row(*_head(row), *(text[i] for i in told))
+        grid.add_row(_name(row), *(text[i] for i in told))
     yield grid
 
 
-def _empty(title: str, rows: tuple[Row, ...]) -> RichTable:
+def _empty(title: str, rows: tuple[Row, ...], enrolment: bool = True) -> RichTable:
     """A grid whose first columns hold the rows' names, wide enough for all of them, and what enrolment gave."""
     grid = RichTable(
         title=Text(title, "bold"), title_justify="left", header_style="dim", box=None, padding=(0, 2, 0, 0)
     )
     grid.add_column("", no_wrap=True, min_width=max((len(_name(row)) for row in rows), default=0))
-    grid.add_column("enrolment", style="dim", overflow="fold")
+    if enrolment:
+        grid.add_column("enrolment", style="dim", overflow="fold")
     return grid
 
 
@@ -140,11 +195,16 @@ def _name(row: Row) -> Text:
     return Text(row.title + row.suffix)
 
 
-def _cell(cell: Aggregate, column: Column, wanted: Style) -> Text:
+def _signs(cell: Aggregate) -> str:
+    """What stands behind a value: its rank, and what is to be known of it."""
+    return SIGNS[cell.rank] + OPEN * (cell.rank > 0 and not cell.claimed) + SUNK * cell.sunk + UNEQUAL * cell.unequal
+
+
+def _cell(cell: Aggregate, column: Column, wanted: Style, room: int) -> Text:
+    """A value with its signs in `room` characters, so that digits stand below digits."""
     style = STYLES[cell.rank] if cell.claimed or not cell.rank else OPEN_STYLES[cell.rank]
-    text = Text(number(cell.value, column.metric.decimals) + SUNK * cell.sunk, style=style)
-    if cell.unequal:
-        text.append(UNEQUAL, style="not bold not underline dim")
+    text = Text(number(cell.value, column.metric.decimals), style=style)
+    text.append(_signs(cell).ljust(room), style="not bold not underline dim")
     if not cell.complete:
         text.append(f" {cell.covered}/{cell.expected}{f' {marks(cell)}' if cell.notes else ''}", style="yellow")
     decimals = column.metric.decimals

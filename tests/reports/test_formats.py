@@ -17,7 +17,7 @@ from handbench.reports.model import Table
 from handbench.reports.printed import number
 from handbench.reports.run import Run
 from handbench.reports.scores import scores
-from handbench.reports.style import Style
+from handbench.reports.style import PLAIN, Style
 from handbench.results.values import values_of
 
 NASTY = r"50% of_{all} & #1 $x$ ~^ \ <a|b>"
@@ -39,9 +39,9 @@ def _nasty(result: Table) -> Table:
     return replace(result, title=NASTY, baseline=named, rows=rows, footnotes=tuple(NASTY for _ in result.footnotes))
 
 
-def _printed(result: Table, width: int) -> str:
+def _printed(result: Table, width: int, style: Style = PLAIN, terminal: bool = False) -> str:
     out = io.StringIO()
-    Console(file=out, width=width).print(render_terminal(result))
+    Console(file=out, width=width, force_terminal=terminal, color_system=None).print(render_terminal(result, style))
     return out.getvalue()
 
 
@@ -139,6 +139,23 @@ def test_terminal_shows_every_value_at_any_width(result: Table) -> None:
     assert "33.12" in wide and "16/24 a" in wide and "non-finite: 3 pixels" in wide
     assert "…" not in wide
     assert "33.12" in _printed(result, 60) and "…" not in _printed(result, 60)
+
+
+def test_text_without_bold_says_what_is_best_and_what_can_be_claimed(result: Table) -> None:
+    text = _printed(result, 100).partition(result.groups[1].title)[0]
+    lines = {line.split("  ")[0]: line for line in text.splitlines()}
+    assert "33.12¹°" in lines["URHand"] and "²°" in lines["Physical_BRDF & fit"]
+    assert not set("¹²°") & set(lines["Oracle *"] + lines["Mean *"])
+    assert "¹ best, ² second" in _printed(result, 200) and "° holds for these hands" in _printed(result, 200)
+
+
+def test_a_wide_terminal_has_intervals_and_tables_beside_each_other(result: Table) -> None:
+    interval = f"[{result.rows[-1].cells[0].low:.2f}, {result.rows[-1].cells[0].high:.2f}]"
+    assert interval in _printed(result, 150) and interval not in _printed(result, 70)
+    assert interval not in _printed(result, 150, Style(intervals=False))
+    heads = [group.title for group in result.groups[:2]]
+    beside = [all(head in line for head in heads) for line in _printed(result, 360, terminal=True).splitlines()]
+    assert any(beside) and not any(all(h in line for h in heads) for line in _printed(result, 360).splitlines())
 
 
 def test_a_calibration_row_is_marked(result: Table) -> None:
