@@ -32,12 +32,12 @@ def poses(size: str) -> list[Measurement]:
     """Milliseconds and errors on an openstage capture, generated if missing; weights are not trained."""
     capture = CAPTURES.load("openstage")(size)
     found = []
-    for name, (prior, reference) in _priors(len(capture.frames()[0].pose.joints)).items():
+    for name, (prior, reference) in priors(len(capture.frames()[0].pose.joints)).items():
         found += _measured(name, prior, reference, capture)
     return found
 
 
-def _priors(joints: int) -> dict[str, tuple[Prior, Prior]]:
+def priors(joints: int) -> dict[str, tuple[Prior, Prior]]:
     """For each method a prior as it is, and one that draws every texel of an environment."""
     fitted, config = (1.0, 0.3, 0.45), PRESETS["quick"]
     exact = replace(config, environment_error=0.0)

@@ -77,24 +77,35 @@ def read_json(path: Path, limit: int = JSON_LIMIT, what: str = "file") -> Any:
 def check_value(value: Any, owner: str) -> None:
     """Raises `InputError` unless a parsed value can be kept and shown: at most `DEPTH` levels, whole numbers of
     64 bits, texts without lone surrogates. `owner` begins the sentence."""
-    level = [value]
-    for _ in range(DEPTH):
+    level = [[value]]
+    for _ in range(DEPTH + 1):
         inner: list[Any] = []
         for each in level:
-            if isinstance(each, dict):
-                inner.extend(each)
-                inner.extend(each.values())
-            elif isinstance(each, list):
-                inner.extend(each)
-            elif isinstance(each, str):
-                if not each.isascii() and _SURROGATE.search(each):
-                    raise InputError(f"{owner}: {each[:40]!a} holds half a character (a lone surrogate); remove it")
-            elif isinstance(each, int) and not WIDEST[0] <= each <= WIDEST[1]:
-                raise InputError(f"{owner}: {shortened(each)} does not fit into 64 bits; give a smaller number")
+            members = [*each, *each.values()] if isinstance(each, dict) else each
+            kinds = set(map(type, members))  # a list of a thousand numbers is looked at at once
+            if kinds <= _PLAIN:
+                continue
+            if str in kinds and (odd := next((m for m in members if type(m) is str and _halved(m)), None)) is not None:
+                raise InputError(f"{owner}: {odd[:40]!a} holds half a character (a lone surrogate); remove it")
+            if int in kinds and (wide := next((m for m in members if type(m) is int and _wide(m)), None)) is not None:
+                raise InputError(f"{owner}: {shortened(wide)} does not fit into 64 bits; give a smaller number")
+            if kinds & {dict, list}:
+                inner.extend(m for m in members if isinstance(m, (dict, list)))
         if not inner:
             return
         level = inner
     raise InputError(f"{owner}: tables or lists are nested deeper than {DEPTH} levels; make it flat")
+
+
+_PLAIN = {float, bool, type(None)}
+
+
+def _halved(text: str) -> bool:
+    return not text.isascii() and _SURROGATE.search(text) is not None
+
+
+def _wide(number: int) -> bool:
+    return not WIDEST[0] <= number <= WIDEST[1]
 
 
 def check_file(path: Path, remedy: str = "choose another file with --out") -> None:

@@ -9,8 +9,9 @@ import torch
 
 from handbench.errors import Unsupported
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.see.raster import rasterise
-from handbench.scene import LIGHT_KINDS, Light, Prediction, Viewpoint, needed
+from handbench.scene import LIGHT_KINDS, Camera, Light, Prediction, Viewpoint, needed
 
 from .kit.picture import prediction
 from .kit.texture import mean_texture
@@ -24,7 +25,7 @@ class MeanAvatar(Avatar):
         self._texture = texture
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
-        return PosedMean(prediction(rasterise(needed(viewpoint.mesh, "mesh"), viewpoint.camera), self._texture))
+        return PosedMean(PosedMesh.of(needed(viewpoint.mesh, "mesh")), viewpoint.camera, self._texture)
 
     def save(self, folder: Path) -> None:
         save_state(folder, "mean", {}, {"texture": self._texture})
@@ -38,8 +39,12 @@ class MeanAvatar(Avatar):
 class PosedMean(PosedAvatar):
     """One picture for every light."""
 
-    def __init__(self, picture: Prediction) -> None:
-        self._picture = picture
+    def __init__(self, mesh: PosedMesh, camera: Camera, texture: torch.Tensor) -> None:
+        self._mesh, self._texture = mesh, texture
+        self._picture = prediction(rasterise(mesh, camera), texture)
+
+    def seen_by(self, camera: Camera) -> PosedAvatar:
+        return PosedMean(self._mesh, camera, self._texture)
 
     def relight(self, light: Light) -> Prediction:
         return self._picture

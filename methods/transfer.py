@@ -23,7 +23,7 @@ from handbench.render.see.raster import rasterise
 from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.surface import unit_rows
 from handbench.render.uv.unwrap import TexelSurface
-from handbench.scene import KNOWN_LIGHTS, Array, Frame, Light, Mesh, Prediction, Viewpoint, needed
+from handbench.scene import KNOWN_LIGHTS, Array, Camera, Frame, Light, Prediction, Viewpoint, needed
 from handbench.settings import UNCHANGED, Changes, changed
 
 from .kit.picture import prediction
@@ -98,20 +98,25 @@ class TransferAvatar(Avatar):
         self._transfer, self._config = transfer, config
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
-        return PosedTransfer(self._transfer, self._config, needed(viewpoint.mesh, "mesh"), viewpoint)
+        mesh = PosedMesh.of(needed(viewpoint.mesh, "mesh"))
+        if Atlas.of(mesh.topology, self._config.texture).count != len(self._transfer):
+            raise Unsupported(f"{viewpoint.pose_key} has a mesh of another topology than the training frames")
+        return PosedTransfer(self._transfer, self._config, mesh, viewpoint.camera)
 
 
 class PosedTransfer(PosedAvatar):
-    """The texels' frames, and what the camera sees of them."""
+    """The texels' frames, and what the camera sees of them; `frames` are those that another camera saw."""
 
-    def __init__(self, transfer: Array, config: TransferConfig, mesh: Mesh, viewpoint: Viewpoint) -> None:
-        posed = PosedMesh.of(mesh)
-        self._transfer, self._config = transfer, config
+    def __init__(
+        self, transfer: Array, config: TransferConfig, mesh: PosedMesh, camera: Camera, frames: Frames | None = None
+    ) -> None:
+        self._transfer, self._config, self._mesh = transfer, config, mesh
         self._atlas = Atlas.of(mesh.topology, config.texture)
-        if self._atlas.count != len(transfer):
-            raise Unsupported(f"{viewpoint.pose_key} has a mesh of another topology than the training frames")
-        self._frames = Frames.of(posed, self._atlas)
-        self._raster = rasterise(posed, viewpoint.camera)
+        self._frames = frames or Frames.of(mesh, self._atlas)
+        self._raster = rasterise(mesh, camera)
+
+    def seen_by(self, camera: Camera) -> PosedAvatar:
+        return PosedTransfer(self._transfer, self._config, self._mesh, camera, self._frames)
 
     def relight(self, light: Light) -> Prediction:
         seen = self._frames.light(light_samples(light), self._config.degree)

@@ -22,7 +22,7 @@ import numpy as np
 
 from .. import __version__
 from ..bench.isolation import isolated
-from ..bench.plan import make_method
+from ..bench.reopening import method_as
 from ..data.arrays import read_arrays
 from ..errors import Damaged, InputError, StorageError
 from ..files import read_json, writing
@@ -164,12 +164,13 @@ def read_avatar(folder: Path) -> Portrait:
     record = read_record(folder)
     _check_files(folder, record)
     entry = METHODS.entry(record.method)
-    method = make_method(entry, record.preset)
-    if json.dumps(method.config, sort_keys=True) != json.dumps(record.config, sort_keys=True):
+    try:
+        method = method_as(entry, record.preset, record.config)
+    except InputError as error:
         raise InputError(
-            f"avatar {folder} was made by {record.method} ({record.preset}) with other settings, by version "
-            f"{record.version} of handbench, and this is {__version__}; personalise it anew"
-        )
+            f"avatar {folder} is of version {record.version} of handbench, and this is {__version__}: {error}; "
+            "personalise it anew"
+        ) from error
     with isolated():
         prior = method.load(folder / "prior")
         avatar = prior.restore(folder / "avatar")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from ..bench.plan import check_preset, make_method
 from ..bench.progress import Steps
 from ..bench.protocol import digest
 from ..bench.reader import CaptureReader
-from ..bench.reopening import capture_of, protocol_of
+from ..bench.reopening import capture_of, method_as, protocol_of
 from ..bench.store import Store
 from ..data.capture import Capture
 from ..errors import InputError, Unsupported, unknown_name
@@ -136,20 +135,16 @@ def _personalised(prior: Prior, enrolment: Recording, seed: int, told: Steps, la
 
 
 def _method_of(run: Run, name: str) -> tuple[Method, str]:
-    """A method of a run, and its preset. Raises `InputError` for one that is not in it, or had other settings there:
-    a run tells the values of settings, and not what changed them."""
+    """A method of a run as it was set there, and its preset. Raises `InputError` for one that is not in it, or that
+    has no such settings here."""
     known = [method.name for method in run.plan.methods]
     if name not in known:
         raise unknown_name(f"method of {run.folder}:", name, known)
     record = run.plan.method(name)
-    method = make_method(METHODS.entry(name), record.preset)
-    there, here = (json.loads(json.dumps(config)) for config in (record.config, method.config))
-    if there is not None and there != here:
-        raise InputError(
-            f"{run.folder} ran {name} with other settings than {record.preset} has, and only trainings of a preset as "
-            "it is can be shown; run it again without --set"
-        )
-    return method, record.preset
+    try:
+        return method_as(METHODS.entry(name), record.preset, record.config), record.preset
+    except InputError as error:
+        raise InputError(f"{run.folder} cannot be shown here: {error}; run it again") from error
 
 
 def _prior_of(run: Run, method: Method, name: str, seed: int) -> tuple[Prior, str]:

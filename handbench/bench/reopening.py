@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-import re
+import inspect
+import json
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ..data.capture import Capture
 from ..errors import InputError
-from ..registry import METHODS
+from ..method import Method
+from ..registry import METHODS, Entry
 from ..results.reading import Run
 from ..results.record import MethodRecord
+from ..settings import names_in
 from .narrowing import narrowed_as
 from .opening import open_data
 from .plan import ChangesOf, make_method
@@ -49,12 +55,48 @@ def capture_of(run: Run, protocol: Protocol, data: Path | None, told: Steps) -> 
 
 
 def changes_of(method: MethodRecord) -> ChangesOf:
-    """The settings of a run's method that were changed, which its title tells; () if it is not registered here."""
-    if method.name not in METHODS.entries():
+    """The settings of a run's method that its preset does not have; () if it is not registered here."""
+    if method.name not in METHODS.entries() or method.config is None:
         return ()
-    title = make_method(METHODS.entry(method.name), method.preset).info.title
-    told = method.title.removeprefix(f"{title} (")
-    if told == method.title:
+    made = make_method(METHODS.entry(method.name), method.preset)
+    changes = changes_between(made.config, method.config)
+    return ((method.name, changes),) if changes else ()
+
+
+def changes_between(config: Mapping[str, Any], wanted: Any) -> tuple[tuple[str, str], ...]:
+    """The settings, as texts, that make a method's configuration another one; those that only one has are left out."""
+    if not isinstance(wanted, Mapping):
         return ()
-    changes = (each.partition("=") for each in re.split(r", (?=[\w.]+=)", told.removesuffix(")")))
-    return ((method.name, tuple((name, value) for name, _, value in changes)),)
+    known, there = (dict(names_in(each)) for each in (_as_json(config), wanted))
+    return tuple((name, _text(there[name])) for name in known if name in there and there[name] != known[name])
+
+
+def method_as(entry: Entry, preset: str, config: Any) -> Method:
+    """The method of a plug-in with the settings of a record, whichever they are; None: those of its preset.
+
+    Raises `InputError` if this version has no such settings.
+    """
+    made = make_method(entry, preset)
+    if config is None or _as_json(made.config) == config:
+        return made
+    changes = changes_between(made.config, config)
+    if changes and "changes" in inspect.signature(entry.load()).parameters:
+        made = make_method(replace(entry, changes=changes), preset)
+    if _as_json(made.config) != config:
+        known, there = (dict(names_in(each)) for each in (_as_json(made.config), config if config else {}))
+        odd = sorted(name for name in known.keys() | there.keys() if known.get(name) != there.get(name))
+        raise InputError(f"{entry.name} has other settings here ({', '.join(odd[:3])}) and cannot be given those")
+    return made
+
+
+def _as_json(config: Mapping[str, Any]) -> Any:
+    return json.loads(json.dumps(config))
+
+
+def _text(value: Any) -> str:
+    """A setting's value as a command line gives it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if value is None:
+        return "none"
+    return ",".join(map(_text, value)) if isinstance(value, list) else str(value)

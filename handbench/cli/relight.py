@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from ..avatars.portrait import Portrait
     from ..bench.progress import Steps
     from ..relighting.shots import Wish
-    from ..scene import Pose
+    from ..scene import Camera, Pose
+
+_AROUND = ("yaw", "pitch", "zoom")
 
 
 def add(verbs: Any) -> None:
@@ -34,7 +36,10 @@ def add(verbs: Any) -> None:
         "--flat-hand-mean", choices=("yes", "no"), help="of MANO poses in a file: whether they are whole"
     )
     relight.add_argument(
-        "--camera", default="", metavar="NAME[:yaw=,pitch=,zoom=]", help="a recorded camera, gone around the hand"
+        "--camera",
+        default="",
+        metavar="NAME|FILE[:yaw=,pitch=,zoom=]",
+        help="a recorded camera, or those of a transforms.json or COLMAP folder; gone around the hand",
     )
     relight.add_argument("--size", type=size, metavar="WxH", help="pixels (default: the camera's)")
     relight.add_argument("--seconds", type=number, metavar="S", help="of each light (default: 4, or one frame a pose)")
@@ -55,6 +60,7 @@ def add(verbs: Any) -> None:
         "relight me.avatar --light hall --light park:exposure=1 --out stills.png",
         "relight --run runs/quick --methods urhand,physical --subject s05 --light hall --turntable --out both.mp4",
         "relight me.avatar --light hall --pose wave.npz --out frames/",
+        "relight me.avatar --light hall --camera flight.json:z-up --seconds 3 --out flight.mp4",
         below="lights: a .exr, .hdr or .ktx map, or a sky box, with :rotate=DEGREES,exposure=STOPS,clip "
         "(docs/environment-maps.md)",
     )
@@ -106,13 +112,12 @@ def _relight(arguments: argparse.Namespace) -> int:
     check_video(out)
     (check_file if suffix else check_folder)(out)
     lights = tuple(NamedLight.parse(text) for text in arguments.light)
-    for light in lights:
-        light.read(complain)  # what is mistyped or missing is told before anything is drawn
+    maps = [light.read(complain) for light in lights]  # what is mistyped or missing is told before anything is drawn
     with on_device(arguments.device), steps() as told:
         shown = portraits(arguments, told)
         wish = _wish(arguments, lights, shown)
         _check_wish(wish, suffix, len(shown), out)
-        frames, times = draw(shown, wish, out.with_name(f"{out.name}.frames"), told)
+        frames, times = draw(shown, wish, maps, out.with_name(f"{out.name}.frames"), told)
         named = _names(shown)
         exposure = exposure_of(frames) if arguments.exposure is None else 2.0**arguments.exposure
         _write(arguments, Tiles(frames, named, exposure), wish)
@@ -120,7 +125,7 @@ def _relight(arguments: argparse.Namespace) -> int:
         frames.remove()
     if arguments.json:
         drawn = [
-            {"name": name, "time": str(time), "flicker": flicker}
+            {"name": name, **time.told, "flicker": flicker}
             for name, time, flicker in zip(named, times, unsteady, strict=True)
         ]
         tell({"out": str(out), "exposure": exposure, "frames": frames.count, "avatars": drawn})
@@ -133,6 +138,7 @@ def _relight(arguments: argparse.Namespace) -> int:
 
 
 def _wish(arguments: argparse.Namespace, lights: tuple[Any, ...], shown: Sequence[Portrait]) -> Wish:
+    from ..data.camerafile import FLAGS, NUMBERS, is_camera_file, read_cameras
     from ..data.options import split_options
     from ..relighting.shots import Wish
 
@@ -140,9 +146,17 @@ def _wish(arguments: argparse.Namespace, lights: tuple[Any, ...], shown: Sequenc
     pose = arguments.pose
     if pose.endswith(".npz"):
         poses, pose = _poses(Path(pose), arguments.flat_hand_mean, shown), ""
-    camera, around = split_options(arguments.camera, "camera", ("yaw", "pitch", "zoom"))
+    camera, said = split_options(arguments.camera, "camera", (*_AROUND, *NUMBERS), FLAGS)
+    around = {name: value for name, value in said.items() if name in _AROUND}
     if not 0.05 <= around.get("zoom", 1.0) <= 20.0:
         raise InputError(f"camera: zoom is {around['zoom']:g}; give 0.05 to 20")
+    cameras: tuple[Camera, ...] = ()
+    if is_camera_file(camera):
+        cameras, camera = read_cameras(camera, said), ""
+        if len(cameras) > 1 and arguments.turntable:
+            raise InputError(f"--turntable goes around with one camera; choose one of {len(cameras)} with :frame=0")
+    elif of_files := [name for name in said if name not in _AROUND]:
+        raise InputError(f"camera {camera!r} is a recorded one, and {of_files[0]} is said of files; leave it out")
     return Wish(
         lights,
         arguments.turn_light,
@@ -150,6 +164,7 @@ def _wish(arguments: argparse.Namespace, lights: tuple[Any, ...], shown: Sequenc
         pose,
         poses,
         camera,
+        cameras,
         **around,
         size=arguments.size,
         seconds=arguments.seconds,
@@ -174,7 +189,9 @@ def _check_wish(wish: Wish, suffix: str, count: int, out: Path) -> None:
     from ..relighting.video import VIDEOS
 
     if suffix in VIDEOS and not wish.moves and len(wish.lights) == 1:
-        raise InputError(f"nothing moves in {out}: give --turn-light, --turntable or several poses, or name a .png")
+        raise InputError(
+            f"nothing moves in {out}: give --turn-light, --turntable, several poses or cameras, or name a .png"
+        )
     if suffix in (".png", ".exr") and wish.moves:
         raise InputError(f"{out} is one picture; name an .mp4, a .gif, or a folder for frames")
     if suffix == ".exr" and (count > 1 or len(wish.lights) > 1):

@@ -42,6 +42,16 @@ class Times:
         parts = [f"{median(ms):.0f} ms for {what} ({len(ms)} frames)" for what, ms in named if ms]
         return ", ".join(parts) or "nothing drawn now"
 
+    @property
+    def told(self) -> dict[str, float | int | None]:
+        """Medians in milliseconds, None where nothing was drawn, and how many frames were."""
+        return {
+            "new_pose_ms": median(self.new_pose) if self.new_pose else None,
+            "new_pose_frames": len(self.new_pose),
+            "known_pose_ms": median(self.known_pose) if self.known_pose else None,
+            "known_pose_frames": len(self.known_pose),
+        }
+
 
 @dataclass(frozen=True)
 class Frames:
@@ -64,8 +74,11 @@ class Frames:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def draw(portraits: Sequence[Portrait], wish: Wish, folder: Path, told: Steps) -> tuple[Frames, list[Times]]:
-    """Draw what is missing of a relighting into a folder, and what that took, portrait by portrait.
+def draw(
+    portraits: Sequence[Portrait], wish: Wish, maps: Sequence[Environment], folder: Path, told: Steps
+) -> tuple[Frames, list[Times]]:
+    """Draw what is missing of a relighting into a folder, and what that took, portrait by portrait. `maps` are those of
+    the wish's lights, as they were read.
 
     Frames of another relighting in the folder are removed. Raises `InputError` for portraits with different numbers of
     frames, `Unsupported` for a light or pose outside a method's abilities, `NonFinite` for a picture that is none, and
@@ -78,9 +91,8 @@ def draw(portraits: Sequence[Portrait], wish: Wish, folder: Path, told: Steps) -
         raise InputError(f"the avatars have {several} poses; give --seconds, over which those of each are spread")
     frames = Frames(folder, counts[0], len(portraits))
     _prepare(folder, digest([__version__, wish.said(), [portrait.digest for portrait in portraits]]))
-    maps = [light.read() for light in wish.lights]
     for portrait, shown in zip(portraits, shots, strict=True):
-        shown.viewpoint(0)
+        shown.check()
         for each in maps:
             portrait.check(each)
     times = []

@@ -146,9 +146,9 @@ class Frame(Query):
         """What another camera took at the same moment in the same light. What was checked is not checked again: this is
         for captures of a million frames."""
         made = object.__new__(type(self))
-        for name, value in vars(self).items():  # one by one, so that frames share the names of their fields
-            _set(made, name, value)
-        _set(made, "camera", camera)
+        fields = vars(self).copy()  # which shares the names of the fields, as a dict that is built anew would not
+        fields["camera"] = camera
+        _set(made, "__dict__", fields)
         return made
 
     @property

@@ -18,7 +18,7 @@ import numpy as np
 from handbench.errors import Unsupported
 from handbench.hand import hand_of
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
-from handbench.scene import Light, Mesh, Prediction, Viewpoint, needed
+from handbench.scene import Camera, Light, Mesh, Prediction, Viewpoint, needed
 from handbench.settings import UNCHANGED, Changes, parted
 
 from .. import urhand
@@ -61,6 +61,9 @@ class PosedTracked(PosedAvatar):
 
     def relight(self, light: Light) -> Prediction:
         return replace(self._inner.relight(light), mesh=self._mesh)
+
+    def seen_by(self, camera: Camera) -> PosedAvatar:
+        return PosedTracked(self._inner.seen_by(camera), self._mesh)
 
 
 class TrackedPrior(Prior):

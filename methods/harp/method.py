@@ -14,7 +14,8 @@ import torch
 from handbench.errors import Unsupported
 from handbench.hand import hand_model
 from handbench.method import Avatar, MethodInfo, PosedAvatar, Progress, Recording
-from handbench.scene import LIGHT_KINDS, Baked, Light, Mesh, Pose, Prediction, Unknown, Viewpoint, needed
+from handbench.render.uv.posed import PosedSurface
+from handbench.scene import LIGHT_KINDS, Baked, Camera, Light, Mesh, Pose, Prediction, Unknown, Viewpoint, needed
 
 from ..kit.albedo import Canvas, flat
 from ..kit.colourspace import to_linear
@@ -42,20 +43,21 @@ INFO = MethodInfo(
 class PosedHarp(PosedAvatar):
     """The displaced surface in a pose, and what a camera sees of it."""
 
-    def __init__(self, look: Look, viewpoint: Viewpoint) -> None:
+    def __init__(self, look: Look, mesh: Mesh | PosedSurface, camera: Camera) -> None:
         self._look = look
-        mesh = look.mesh(needed(viewpoint.pose, "pose"))
-        self._canvas = canvas = Canvas(mesh, viewpoint.camera, look.config.texture)
+        self._canvas = canvas = Canvas(mesh, camera, look.config.texture)
         self._albedo, values = flat(look.albedo, canvas), flat(look.normal_map, canvas)
-        self._normal = mapped(canvas.normal.T, self._along(mesh), values.T)
+        self._normal = mapped(canvas.normal.T, self._along(), values.T)
 
-    def _along(self, mesh: Mesh) -> torch.Tensor | None:
+    def seen_by(self, camera: Camera) -> PosedAvatar:
+        return PosedHarp(self._look, self._canvas.surface, camera)
+
+    def _along(self) -> torch.Tensor | None:
         if self._look.config.tangents == "duff":
             return None
         face = self._canvas.atlas.face[self._canvas.texels]
-        return self._look.surface.tangents(torch.from_numpy(mesh.vertices.copy()).float())[
-            torch.from_numpy(face).long()
-        ]
+        vertices = torch.from_numpy(self._canvas.surface.mesh.vertices.copy()).float()
+        return self._look.surface.tangents(vertices)[torch.from_numpy(face).long()]
 
     @torch.no_grad()
     def relight(self, light: Light) -> Prediction:
@@ -84,7 +86,7 @@ class HarpAvatar(Avatar):
         self.look, self._found = look, found
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
-        return PosedHarp(self.look, viewpoint)
+        return PosedHarp(self.look, self.look.mesh(needed(viewpoint.pose, "pose")), viewpoint.camera)
 
     @property
     def found(self) -> Mapping[str, Pose]:

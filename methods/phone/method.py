@@ -17,10 +17,11 @@ from torch import Tensor
 from handbench.errors import unknown_name
 from handbench.hand.fitting import QUICK, THOROUGH, Settings
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
+from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.posed import PosedSurface
-from handbench.scene import KNOWN_LIGHTS, LIGHT_KINDS, Baked, Light, Prediction, Unknown, Viewpoint, needed
+from handbench.scene import KNOWN_LIGHTS, LIGHT_KINDS, Baked, Camera, Light, Prediction, Unknown, Viewpoint, needed
 from handbench.settings import UNCHANGED, Changes, changed, parted
 
 from ..kit.fittedhand import FITTABLE, FittedAvatar, FittedHand, fitted_hand
@@ -125,8 +126,7 @@ class UnderOwnLight(Avatar):
         surface = PosedSurface(needed(viewpoint.mesh, "mesh"), self._atlas.size)
         shading = torch.from_numpy(self._solved.shading(surface.normal.T.numpy())).float()
         texture = self._atlas.dilate(self._atlas.scatter(self._colour * shading))
-        own = prediction(rasterise(surface.mesh, viewpoint.camera), texture)
-        return PosedUnderOwnLight(self._inner.pose(viewpoint), own)
+        return PosedUnderOwnLight(self._inner.pose(viewpoint), surface.mesh, texture, viewpoint.camera)
 
     def baked(self, viewpoint: Viewpoint) -> Baked:
         return self._inner.baked(viewpoint)
@@ -148,8 +148,14 @@ class UnderOwnLight(Avatar):
 
 
 class PosedUnderOwnLight(PosedAvatar):
-    def __init__(self, inner: PosedAvatar, own: Prediction) -> None:
-        self._inner, self._own = inner, own
+    """A posed avatar, and its mesh with the texture (3, R, R) that it has in its own light."""
+
+    def __init__(self, inner: PosedAvatar, mesh: PosedMesh, texture: Tensor, camera: Camera) -> None:
+        self._inner, self._mesh, self._texture = inner, mesh, texture
+        self._own = prediction(rasterise(mesh, camera), texture)
+
+    def seen_by(self, camera: Camera) -> PosedAvatar:
+        return PosedUnderOwnLight(self._inner.seen_by(camera), self._mesh, self._texture, camera)
 
     def relight(self, light: Light) -> Prediction:
         return self._own if isinstance(light, Unknown) else self._inner.relight(light)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import torch
@@ -14,7 +14,7 @@ from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.posed import PosedSurface
-from handbench.scene import Array, Light, Prediction, Viewpoint, needed
+from handbench.scene import Array, Camera, Light, Prediction, Viewpoint, needed
 from handbench.settings import UNCHANGED, Changes, changed
 from handbench.skips import note, skips
 
@@ -51,15 +51,19 @@ class RelightableHandsAvatar(Avatar):
 
 
 class PosedRelightableHands(PosedAvatar):
-    """The surface, what the camera sees of it, and what the hand answered to single lights so far."""
+    """The surface, what the camera sees of it, and what the hand answered to single lights so far;
+    `surface` is one that another camera saw."""
 
     @torch.no_grad()
-    def __init__(self, model: RelightableHandsModel, viewpoint: Viewpoint) -> None:
-        self._model = model
-        self._surface = PosedSurface(needed(viewpoint.mesh, "mesh"), model.config.texture, model.device)
+    def __init__(self, model: RelightableHandsModel, viewpoint: Viewpoint, surface: PosedSurface | None = None) -> None:
+        self._model, self._viewpoint = model, viewpoint
+        self._surface = surface or PosedSurface(needed(viewpoint.mesh, "mesh"), model.config.texture, model.device)
         self._raster = rasterise(self._surface.mesh, viewpoint.camera)
         self._seen = Seen.of(self._surface, viewpoint.camera.centre, needed(viewpoint.pose, "pose").joints)
         self._kept: OrderedDict[bytes, Tensor] = OrderedDict()  # by direction or position
+
+    def seen_by(self, camera: Camera) -> PosedAvatar:
+        return PosedRelightableHands(self._model, replace(self._viewpoint, camera=camera), self._surface)
 
     @torch.no_grad()
     def relight(self, light: Light) -> Prediction:

@@ -18,7 +18,8 @@ from handbench.data.lights import NamedLight
 from handbench.errors import InputError, StorageError
 from handbench.light.environment import rotate
 from handbench.method import Pose
-from handbench.relighting.drawing import Frames, draw
+from handbench.relighting.drawing import Frames, Times
+from handbench.relighting.drawing import draw as draw_under
 from handbench.relighting.shots import Shots, Wish, between
 from handbench.relighting.showing import Tiles, exposure_of, flicker_of
 from handbench.relighting.video import check_video, write_video
@@ -31,6 +32,10 @@ def steps(label: str):  # type: ignore[no-untyped-def]
 
 
 TOLD: Steps = steps
+
+
+def draw(portraits: list[Portrait], wish: Wish, folder: Path, told: Steps) -> tuple[Frames, list[Times]]:
+    return draw_under(portraits, wish, [light.read() for light in wish.lights], folder, told)
 
 
 @pytest.fixture(scope="session")

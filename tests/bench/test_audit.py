@@ -409,7 +409,7 @@ def test_a_part_of_a_protocol_with_other_settings_is_planned_again(tmp_path: Pat
     run(narrowed(find_protocol("smoke"), ("s02",), 1), ["oracle", "phong"], out=tmp_path, settings=changes)
     assert gather(tmp_path, table, None, None).protocol.subjects == ("s02",)
     assert verdict(tmp_path, "keys")[0] is True
-    edit(tmp_path / "run.json", lambda plan: plan["methods"][1].update(title="Phong (texture=64, roughness=0.3, 0.5)"))
+    edit(tmp_path / "run.json", lambda plan: plan["methods"][1]["config"].update(texture=64))
     assert verdict(tmp_path, "keys")[0] is False
 
 

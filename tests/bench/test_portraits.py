@@ -10,14 +10,18 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from handbench.avatars.folder import read_avatar, write_avatar
 from handbench.avatars.making import drawing_methods, from_capture, from_run
+from handbench.avatars.repertoire import resized
+from handbench.bench.narrowing import narrowed
 from handbench.bench.protocol import Protocol
-from handbench.bench.run import run
+from handbench.bench.run import find_protocol, run
 from handbench.bench.scoring import SHOWN
 from handbench.errors import InputError, Unsupported
 from handbench.recording import Recording
 from handbench.results.reading import read_run
 from handbench.scene import Directional
+from handbench.settings import Setting
 
 
 def told(label: str):  # type: ignore[no-untyped-def]
@@ -79,12 +83,27 @@ def test_a_method_that_ran_with_other_settings_or_seeds(
     assert "seed 1" in from_run(ran, "toy", "s01", told).source
     changed = [replace(each, config={"gain": 9}) if each.name == "toy" else each for each in plan.methods]
     plan = replace(plan, methods=tuple(changed))
-    with pytest.raises(InputError, match=r"ran toy with other settings .* without --set"):
+    with pytest.raises(InputError, match=r"toy has other settings here \(gain, preset\) and cannot be given those"):
         from_run(ran, "toy", "s01", told)
     capture = fakes.open_toy("tiny")
     enrolment = capture.recording(f for f in capture.frames() if f.subject == "s01" and f.kind == "full")
-    with pytest.raises(InputError, match=r"ran toy with other settings .* without --set"):
+    with pytest.raises(InputError, match="toy has other settings here"):
         from_capture(capture, enrolment, "toy", told, prior_run=ran)
+
+
+def test_a_run_with_other_settings_is_shown_as_it_was_set(tmp_path: Path) -> None:
+    """A part of a protocol, too; and the avatar is read back with its settings."""
+    settings = [Setting.parse("phong:texture=24"), Setting.parse("phong:roughness=0.3, 0.5")]
+    run(narrowed(find_protocol("smoke"), ("s02",), 1), ["oracle", "phong"], out=tmp_path / "run", settings=settings)
+    found = from_run(tmp_path / "run", "phong", None, told)
+    assert found.repertoire.subject == "s02" and found.config["texture"] == 24
+    kept = read_avatar(write_avatar(found, tmp_path / "a.avatar"))
+    assert kept.config["texture"] == 24 and list(kept.config["roughness"]) == [0.3, 0.5]
+    shown = kept.repertoire
+    viewpoint = shown.viewpoint(shown.posture(shown.views[0][0]), resized(shown.camera(shown.views[0][1]), 24, 32))
+    light = Directional([0, 0, 1], [1.0, 1.0, 1.0])
+    pictures = [each.avatar.pose(viewpoint).relight(light).image for each in (found, kept)]
+    assert np.allclose(*pictures, atol=1e-5) and pictures[0].max() > 0.01
 
 
 def test_pictures_of_ones_own(fakes: ModuleType, ran: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from othercamera import check_seen_by
 from shadedtracer import Shaded
 
 from handbench.data.capture import Capture
@@ -28,6 +29,7 @@ from handbench.methods.harp.config import HarpConfig
 from handbench.methods.harp.fitting import fitted
 from handbench.methods.harp.look import Look, shade
 from handbench.methods.harp.losses import jitter, upright
+from handbench.methods.harp.method import HarpAvatar
 from handbench.methods.harp.shadow import visibility
 from handbench.methods.harp.start import lit_from
 from handbench.methods.harp.surface import Surface, mapped
@@ -40,7 +42,19 @@ from handbench.methods.uhm.config import PRESETS as UHM
 from handbench.recording import Recording
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.atlas import Atlas
-from handbench.scene import Array, Camera, Directional, Frame, Group, Mesh, Observation, Pose, Prediction, Unknown
+from handbench.scene import (
+    Array,
+    Camera,
+    Directional,
+    Frame,
+    Group,
+    Mesh,
+    Observation,
+    Pose,
+    Prediction,
+    Query,
+    Unknown,
+)
 from handbench.scene.colour import srgb
 
 GIVES = frozenset({"image", "alpha", "camera", "keypoints", "pose"})
@@ -220,6 +234,12 @@ def test_displacements_bring_the_outline_to_the_mask(toy: tuple[Enrolled, torch.
         )
         assert after > before + 0.3 * (1.0 - before), (before, after)
     assert float(look.offset.mean()) > 0.1 * PLUMP
+
+
+def test_another_camera_shares_harps_pose(toy: tuple[Enrolled, torch.Tensor], look: Look) -> None:
+    pose = toy[0].pictures[0].pose
+    for light in (Unknown("as enrolled"), Directional((0.48, 0.36, 0.8), (1.0, 1.0, 1.0))):
+        check_seen_by(HarpAvatar(look), Query("me", "pose", "light", pose, None, camera(), light))
 
 
 def test_albedo_and_light_are_found_in_harps_own_light(toy: tuple[Enrolled, torch.Tensor], look: Look) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from othercamera import check_seen_by
 from toyscan import LIGHT, SIZE, Scan, scan, skin
 
 from handbench.errors import Unsupported
@@ -182,6 +183,12 @@ def test_relit_it_is_linear_in_light_and_tells_its_mesh(dark: Scan, exact: None)
         once, thrice = posed.relight(light), posed.relight(light.scaled(3.0))
         assert np.allclose(3.0 * once.image, thrice.image, rtol=1e-4, atol=1e-6) and once.image.max() > 0
         assert np.array_equal(once.mesh.vertices, dark.hand.mesh(own(dark, 0).pose).vertices)
+
+
+def test_another_camera_shares_the_pose(dark: Scan, exact: None) -> None:
+    avatar = prior().personalise(dark.enrolment)
+    for light in (own(dark, 0).light, Directional((0.0, 0.0, 1.0), (1.0, 2.0, 3.0))):
+        check_seen_by(avatar, replace(own(dark, 0), light=light))
 
 
 def test_what_is_assumed_decides_the_brightness(dark: Scan, exact: None) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from othercamera import check_seen_by
 
 from handbench.checkpoint import checkpoints_in
 from handbench.errors import InputError, Unsupported
@@ -29,6 +30,10 @@ SMOKE = PRESETS["smoke"]
 @pytest.fixture(scope="module")
 def avatar(training: Recording) -> Avatar:
     return RelightableHands(replace(SMOKE, steps=12)).train(training).personalise(training, seed=0)
+
+
+def test_another_camera_shares_the_pose(avatar: Avatar, training: Recording) -> None:
+    check_seen_by(avatar, training.frames[0].query)
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from othercamera import check_seen_by
 from scipy.spatial.transform import Rotation
 
 from handbench.errors import Unsupported
@@ -31,6 +32,11 @@ def test_it_is_nearer_than_the_mean_under_light_that_was_not_shown(avatar: Avata
         for one in (avatar, floor)
     ]
     assert errors[0] < 0.75 * errors[1], errors
+
+
+def test_another_camera_shares_the_pose(avatar: Avatar, training: Recording) -> None:
+    for one in (avatar, mean.create().train(training).personalise(training)):
+        check_seen_by(one, training.frames[0].query)
 
 
 def test_light_adds(avatar: Avatar, training: Recording) -> None:

@@ -32,7 +32,7 @@ from ..capture import Capture
 from ..meshfile import read_mesh
 from ..meshfile.ply import read_vertices
 from .masked import covered
-from .place import check_size, lacking, place_of
+from .place import check_size, lacking, listed, place_of
 from .zipped import Zips
 
 NAME = "goliath"
@@ -72,7 +72,7 @@ class Goliath(Capture):
         self._zips = Zips()
         self._digest = hashlib.sha256()
         self._stages = {stage.subject: stage for stage in (_Stage(p, self._zips) for p in _captures(folder))}
-        self._frames = tuple(frame for stage in self._stages.values() for frame in stage.frames(self._digest))
+        self._frames = listed(frame for stage in self._stages.values() for frame in stage.frames(self._digest))
         if not self._frames:
             raise InputError(f"{folder} has no frames with pictures; get its image/cam….zip files")
         self.digest = self._digest.hexdigest()

@@ -29,7 +29,7 @@ from ..picturesize import picture_size
 from ..poses import turned
 from .keypoints import fields
 from .mano import posed, right_hand
-from .place import check_size, place_of
+from .place import check_size, listed, place_of
 
 if TYPE_CHECKING:
     from ...hand.mano import ManoHand
@@ -67,7 +67,7 @@ class Harp(Capture):
         self._hand, self._why = right_hand()
         self.hand = None if self._hand is None else self._hand.name
         self._places: dict[str, tuple[Path, str]] = {}
-        self._frames = tuple(self._build())
+        self._frames = listed(self._build())
         if not self._frames:
             raise InputError(f"{folder} has no pictures with estimates; get HARP's data anew")
 

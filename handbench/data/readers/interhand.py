@@ -30,7 +30,7 @@ from ..picturesize import picture_size
 from .keypoints import TIPS_FIRST, projected
 from .mano import posed, right_hand
 from .masked import covered
-from .place import check_size, lacking, place_of
+from .place import check_size, lacking, listed, place_of
 
 if TYPE_CHECKING:
     from ...hand.mano import ManoHand
@@ -52,7 +52,7 @@ _SPLITS = ("train", "val", "test")
 _LIMIT = 2 << 30  # bytes of an annotation file
 _LIGHT = Unknown("studio")
 _FIT = {"pose": 48, "shape": 10, "trans": 3}
-_IMAGE = re.compile(r"image(\d+)\.jpg")
+_NUMBER = re.compile(r"[0-9]+")
 
 
 def fits(folder: Path) -> bool:
@@ -80,7 +80,7 @@ class InterHand(Capture):
         self._places: dict[str, tuple[_Annotations, str, str]] = {}  # by pose key: capture, folder of the sequence
         self._digest = hashlib.sha256(size.encode())
         built = self._palm() if size == "palm" else self._released()
-        self._frames = tuple(built)
+        self._frames = listed(built)
         if not self._frames:
             raise InputError(
                 f"{folder} has no picture of a single right hand with a fit; get its images and annotations"
@@ -261,8 +261,8 @@ class _Annotations:
 
 def _numbers(folder: Path) -> list[str]:
     """The numbers of a folder's pictures, as their names write them, in order."""
-    found = [match[1] for name in _names(folder) if (match := _IMAGE.fullmatch(name))]
-    return sorted(found, key=int)
+    found = [name[5:-4] for name in _names(folder) if name.startswith("image") and name.endswith(".jpg")]
+    return sorted(filter(_NUMBER.fullmatch, found), key=int)
 
 
 def _names(folder: Path) -> list[str]:

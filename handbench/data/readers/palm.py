@@ -26,7 +26,7 @@ from ...scene import Array, Camera, Frame, Mesh, Observation, Pose, Unknown
 from ..capture import Capture
 from ..pictures import read_mask, read_picture
 from .mano import posed, right_hand
-from .place import check_size, lacking, place_of
+from .place import check_size, lacking, listed, place_of
 
 if TYPE_CHECKING:
     from ...hand.mano import ManoHand
@@ -60,7 +60,7 @@ class Palm(Capture):
         self.hand = None if self._hand is None else self._hand.name
         self._places = {place.name: place for place in _subjects(folder)}
         self._digest = hashlib.sha256()
-        self._frames = tuple(frame for place in self._places.values() for frame in self._subject(place))
+        self._frames = listed(frame for place in self._places.values() for frame in self._subject(place))
         if not self._frames:
             raise InputError(f"{folder} has no pictures; get PALM's images")
         self.digest = self._digest.hexdigest()

@@ -1,12 +1,14 @@
-"""Where a capture that others publish lies on the user's disk."""
+"""Where a capture that others publish lies on the user's disk, and how its frames are listed."""
 
 from __future__ import annotations
 
+import gc
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ...errors import Absent, InputError, unknown_name
+from ...scene import Frame
 
 
 def place_of(name: str, folder: Path | None, fits: Callable[[Path], bool]) -> Path:
@@ -24,6 +26,18 @@ def place_of(name: str, folder: Path | None, fits: Callable[[Path], bool]) -> Pa
     raise Absent(
         f"capture {name} is not made but brought: get it from its authors and name its folder in {variable}{looked}"
     )
+
+
+def listed(frames: Iterable[Frame]) -> tuple[Frame, ...]:
+    """All frames of a capture, made with Python's search for unused cycles paused: there are none among millions of
+    objects that stay, and looking through them again and again takes longer than making them."""
+    paused = gc.isenabled()
+    gc.disable()
+    try:
+        return tuple(frames)
+    finally:
+        if paused:
+            gc.enable()
 
 
 def check_size(name: str, size: str, known: tuple[str, ...]) -> None:

@@ -36,7 +36,7 @@ from ..picturesize import picture_size
 from .keypoints import TIPS_FIRST, fields, projected, shaped
 from .mano import posed, right_hand
 from .masked import seen_beside
-from .place import check_size, place_of
+from .place import check_size, listed, place_of
 
 if TYPE_CHECKING:
     from ...hand.mano import ManoHand
@@ -80,7 +80,7 @@ class ReInterHand(Capture):
         self._left_out = 0
         self._places: dict[str, Path] = {}  # by subject
         self._digest = hashlib.sha256()
-        self._frames = tuple(frame for place in _captures(folder) for frame in self._capture(place))
+        self._frames = listed(frame for place in _captures(folder) for frame in self._capture(place))
         if not self._frames:
             raise InputError(f"{folder} has no pictures of fitted hands; get its Mugsy_cameras and mano_fits")
         self.digest = self._digest.hexdigest()

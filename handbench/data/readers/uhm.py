@@ -26,7 +26,7 @@ from ...scene.colour import linear
 from ..capture import Capture
 from ..poses import turned
 from .mano import posed, right_hand
-from .place import check_size, place_of
+from .place import check_size, listed, place_of
 from .scans import LISTS, GoliathScan, Lens, Moment, OwnScan, Scan
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Uhm(Capture):
         self.hand = None if self._hand is None else self._hand.name
         self._moments: dict[str, tuple[Scan, Moment]] = {}  # by pose key
         self._digest = hashlib.sha256()
-        self._frames = tuple(frame for scan in _scans(folder) for frame in self._scan(scan))
+        self._frames = listed(frame for scan in _scans(folder) for frame in self._scan(scan))
         if not self._frames:
             raise InputError(f"{folder} has no frames with picture, mask, key points and fit; complete the scan")
         self.digest = self._digest.hexdigest()
