@@ -23,11 +23,12 @@ from .brdf import F0, F1, F2, GRAZING, MIN_ROUGHNESS, SHININESS, SMALL
 from .models import RESPONSES
 
 _LIGHTS = 128
-"""Most lights in a call. Fewer are padded to a power of two from 8 on, so that few shapes are compiled."""
+"""Lights in a call. Fewer are padded with lights that no block is told to take, so that one shape is compiled."""
 
 _BLOCK = 2048
-"""Texels in a block: the two dozen buffers of the loop take 200 kB. The last block is filled up with copies of the last
-texel, so that few shapes are compiled: every camera sees another number of texels."""
+"""Texels in a block: the two dozen buffers of the loop take 200 kB. Blocks are filled up with copies of the last texel,
+and their number to a power of two, so that few shapes are compiled: every camera sees another number of texels. What
+is filled up is not worked out."""
 
 
 @cache
@@ -92,11 +93,13 @@ def _over_lights(
     seen = None if visibility is None else visibility.detach().numpy()
     count, block = len(maps[2]), _BLOCK
     blocks = -(-count // block)
-    spare = blocks * block - count
+    held = 1 << (blocks - 1).bit_length()
+    spare = held * block - count
     workers = min(torch.get_num_threads(), blocks)
     edges = [blocks * worker // workers for worker in range(workers + 1)]
     kernel = _kernel(model, block, bool(gradient))
     reaches = _reaches(maps[0].detach(), where, seen, block, blocks)
+    rows = ((0, held - blocks), (0, 0))
 
     def filled(values: Array, mode: Any = "edge") -> Array:
         return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, spare)], mode) if spare else values
@@ -104,29 +107,26 @@ def _over_lights(
     with jax.enable_x64(True):
         texels = [jnp.asarray(np.ascontiguousarray(filled(values.detach().numpy()))) for values in (*maps, *gradient)]
         parts = [jnp.zeros((7 if gradient else 3 * RESPONSES[model], count + spare), jnp.float32)] * workers
-        several = len(where) > _LIGHTS
         for start in range(0, len(where), _LIGHTS):
             some = slice(start, start + _LIGHTS)
             order = np.argsort(~reaches[:, some], axis=1, kind="stable")  # those that reach the block first, in order
-            lit = np.ones((1, 1), dtype=bool) if seen is None else filled(_padded(seen[some], several), "constant")
-            lamps = [
-                _padded(where[some], several),
-                _padded(power[some], several),
-                lit,
-                order,
-                reaches[:, some].sum(axis=1),
-            ]
+            lit = np.ones((1, 1), dtype=bool) if seen is None else filled(_padded(seen[some]), "constant")
+            reached = np.pad(reaches[:, some].sum(axis=1), rows[0])
+            lamps = [_padded(where[some]), _padded(power[some]), lit, np.pad(_padded(order.T).T, rows), reached]
             given = [jnp.asarray(values) for values in lamps]
 
-            def part(worker: int, before: Any, given: list[Any] = given) -> Any:
+            def share(worker: int, before: Any, given: list[Any] = given) -> Any:
                 with jax.enable_x64(True):
                     return kernel(texels, *given, before, edges[worker], edges[worker + 1]).block_until_ready()
 
-            shares = range(workers), parts
-            parts = list(_pool().map(part, *shares)) if workers > 1 else list(map(part, *shares))
+            each = range(workers), parts
+            parts = list(_pool().map(share, *each)) if workers > 1 else list(map(share, *each))
     if not gradient:
         note("texel-light pairs", len(where) * count, (reaches.size - int(reaches.sum())) * count // blocks)
-    return np.array(sum(parts[1:], start=parts[0])[:, :count])
+    total = np.array(parts[0])  # in numpy: XLA would compile a slice for each number of texels
+    for part in parts[1:]:
+        total += np.asarray(part)
+    return np.ascontiguousarray(total[:, :count])
 
 
 def _reaches(normal: Tensor, where: Array, seen: Array | None, block: int, blocks: int) -> Array:
@@ -150,10 +150,9 @@ def _reaches(normal: Tensor, where: Array, seen: Array | None, block: int, block
     return reaches
 
 
-def _padded(rows: Array, several: bool) -> Array:
-    """Rows (l, ...) with zeros added up to a power of two, at least 8 and at most `_LIGHTS`; to all of those where
-    there are several calls, so that the last compiles nothing of its own."""
-    missing = (_LIGHTS if several else min(_LIGHTS, max(8, 1 << (len(rows) - 1).bit_length()))) - len(rows)
+def _padded(rows: Array) -> Array:
+    """Rows (l, ...) with zeros added up to `_LIGHTS`."""
+    missing = _LIGHTS - len(rows)
     return np.pad(rows, ((0, missing), (0, 0))) if missing else rows
 
 
