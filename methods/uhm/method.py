@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +22,7 @@ from ..kit.untaught import Untaught
 from ..kit.weights import as_tensor, as_text, check_shapes, load_state, save_state
 from .adaptation import Adapted, adapted
 from .config import UhmConfig
-
-_ALIKE = 12.0
-"""How fast pictures whose normals differ lose their say in a new pose's shadow: half at 19 degrees."""
+from .shading import Shadowing
 
 INFO = MethodInfo(
     name="uhm",
@@ -41,46 +39,41 @@ INFO = MethodInfo(
 class PosedUhm(PosedAvatar):
     """The textured hand in a pose, and what a camera sees of it."""
 
-    def __init__(self, person: Adapted, mesh: Mesh | PosedSurface, camera: Camera) -> None:
-        self._person = person
+    def __init__(self, avatar: UhmAvatar, mesh: Mesh | PosedSurface, camera: Camera) -> None:
+        self._avatar, person = avatar, avatar.person
         self._canvas = Canvas(mesh, camera, person.config.texture)
         self._texels = torch.from_numpy(self._canvas.texels)
         self._texture = person.texture[:, self._texels]
 
     def seen_by(self, camera: Camera) -> PosedAvatar:
-        return PosedUhm(self._person, self._canvas.surface, camera)
+        return PosedUhm(self._avatar, self._canvas.surface, camera)
 
     @torch.no_grad()
     def relight(self, light: Light) -> Prediction:
-        """Under a known light the texture is an albedo; under an unknown one it has the shadow of enrolled poses.
+        """Under a known light the texture is an albedo; under an unknown one it has the shadow of its pose.
 
         UHM has no reflectance and tells no way to relight it. Assumed here: its texture, which is what a picture would
         be without shadow, is pi times what a diffuse surface of that albedo sends back under unit irradiance.
         """
-        config = self._person.config
+        config = self._avatar.person.config
         if isinstance(light, Unknown):
-            return self._canvas.drawn(to_linear(self._texture * self._shadow(), config.space))
+            shadow = self._avatar.shadowing.at(self._canvas.normal.T, self._texels)
+            return self._canvas.drawn(to_linear(self._texture * shadow, config.space))
         albedo = to_linear(self._texture, config.space)
         return self._canvas.lit(light, albedo, None, config.gloss, config.environment_error)
-
-    def _shadow(self) -> torch.Tensor:
-        """The shadow (n,) of this pose: of the enrolled ones in which a texel faced the same way, by a kernel.
-
-        It stands for ShadowNet, which is asked with pose and normals. Texels that no picture showed have the shadow
-        that their optimisation left them.
-        """
-        person, chosen = self._person, self._texels
-        cosine = (person.normals[:, chosen] * self._canvas.normal.T).sum(dim=2)
-        weight = torch.exp(_ALIKE * (cosine - 1.0)) * (person.seen[:, chosen] + 1e-3)
-        return (weight * person.shadows[:, chosen]).sum(dim=0) / weight.sum(dim=0)
 
 
 class UhmAvatar(Avatar):
     def __init__(self, person: Adapted) -> None:
         self.person = person
 
+    @cached_property
+    def shadowing(self) -> Shadowing:
+        """The shadows of poses under the light as enrolled."""
+        return Shadowing(self.person.shadows, self.person.normals, self.person.seen)
+
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
-        return PosedUhm(self.person, self.person.mesh(needed(viewpoint.pose, "pose")), viewpoint.camera)
+        return PosedUhm(self, self.person.mesh(needed(viewpoint.pose, "pose")), viewpoint.camera)
 
     @property
     def found(self) -> dict[str, Pose]:

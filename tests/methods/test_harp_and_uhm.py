@@ -39,6 +39,7 @@ from handbench.methods.kit.enrolled import Enrolled, Seen, enrolled
 from handbench.methods.uhm import method as uhm_method
 from handbench.methods.uhm.adaptation import adapted
 from handbench.methods.uhm.config import PRESETS as UHM
+from handbench.methods.uhm.shading import Shadowing
 from handbench.recording import Recording
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.atlas import Atlas
@@ -325,6 +326,24 @@ def test_uhm_shadows_are_as_smooth_as_they_are_told(toy: tuple[Enrolled, torch.T
 
 
 # --- parts ------------------------------------------------------------------------------------------------------------
+
+
+def test_shadows_of_new_poses_go_by_the_normal_and_keep_what_is_the_texels_own() -> None:
+    normals = torch.nn.functional.normalize(
+        torch.randn(1, 20_000, 3, generator=torch.Generator().manual_seed(0)), dim=2
+    )
+    of_light = 0.5 + 0.3 * normals[..., 2]
+    own = torch.where(torch.arange(20_000) % 4 == 0, -0.15, 0.05)  # every fourth texel is darker, whatever its normal
+    seen = normals[..., 2] > -0.2
+    shadowing = Shadowing(of_light + own, normals, seen)
+    shown = torch.nonzero(seen[0])[:, 0]
+    assert torch.allclose(shadowing.at(normals[0, shown], shown), (of_light + own)[0, shown], atol=1e-5)
+    turned = normals[0, shown].flip(0)  # each texel faces as another one did
+    truth = 0.5 + 0.3 * turned[:, 2] + own[shown]
+    off, stuck = (part - truth for part in (shadowing.at(turned, shown), (of_light + own)[0, shown]))
+    assert float(off.abs().mean()) < 0.06 < 0.1 < float(stuck.abs().mean())  # the kernel blurs 19 degrees
+    away = torch.tensor([[0.0, 0.0, -1.0]])  # no picture showed such a normal: the mean, not what the others point to
+    assert abs(float(shadowing.at(away, shown[1:2])) - float((of_light + own)[seen].mean())) < 0.1
 
 
 def test_normal_maps_turn_normals_in_orthonormal_frames() -> None:
