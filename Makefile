@@ -1,7 +1,8 @@
 # `make quick` and `make test` need nothing but Python 3.11 and pip; see CONTRIBUTING.md.
 BIN := .venv/bin
-# One thread a process: the tests run in two processes.
-TEST_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+# One thread a process: the tests run in two processes. Bytecode is kept, whatever the shell says: the processes that
+# tests start, a hundred of them, would else compile the same modules again.
+TEST_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
 .PHONY: help setup quick test lint format bench data docs clean
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
-import os
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from handbench.cli import main
 from handbench.data.exr import rgb, write_exr
 
 from .worker import VALUES, capture, environment, protocol
@@ -95,18 +94,13 @@ def _protocol() -> str:
 
 
 def _handbench(folder: Path, *words: str) -> str:
-    env = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"} if os.name == "nt" else {**os.environ}
-    done = subprocess.run(
-        [sys.executable, "-m", "handbench.cli", *words],
-        cwd=folder,
-        env=env,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if done.returncode:
-        raise RuntimeError(f"the sound input fails: handbench {' '.join(words)}: {done.stderr}")
-    return done.stdout
+    """What handbench prints if it is started in a folder."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(list(words))
+    if code:
+        raise RuntimeError(f"the sound input fails: handbench {' '.join(words)}: {err.getvalue()}")
+    return out.getvalue()
 
 
 def _pictures(folder: Path) -> tuple[dict[str, bytes], float]:

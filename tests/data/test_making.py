@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from handbench.data.openstage.capture import OpenCapture
 from handbench.data.openstage.make import make
 from handbench.data.openstage.manifest import read_manifest
 from handbench.data.openstage.plans import production
+from handbench.data.openstage.production import Production
 from handbench.errors import InputError, StorageError
 from handbench.shards import Shard
 
@@ -47,7 +49,11 @@ TINY = replace(
     skin_size=64,
 )
 
-PLAN = production(TINY)
+
+@cache
+def plan() -> Production:
+    """What is made of it; planned when it is wanted, since poses are moved until no finger is in another."""
+    return production(TINY)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -65,12 +71,12 @@ from dataclasses import replace
 from pathlib import Path
 sys.path[:0] = [sys.argv[1], sys.argv[2]]
 from quicktracer import Quick
-from test_making import PLAN
+from test_making import plan
 from handbench.data.openstage import helpers
 from handbench.data.openstage import make as module
 from handbench.data.openstage import thumbnails
 module.PathTracer = Quick
-module.make(PLAN, Path(sys.argv[3]))
+module.make(plan(), Path(sys.argv[3]))
 """
 
 
@@ -82,15 +88,15 @@ def content(folder: Path) -> dict[str, bytes]:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tiny capture, made alone."""
     folder = tmp_path_factory.mktemp("whole")
-    assert make(PLAN, folder) == ()
+    assert make(plan(), folder) == ()
     return folder
 
 
 def test_made_in_parts_it_is_the_same_byte_for_byte(whole: Path, tmp_path: Path) -> None:
     left = []
     for number in (3, 1, 2):
-        mine = {one.key for one in Shard(number, 3).of(PLAN.by_subject)}
-        left.append(len(make(PLAN, tmp_path, mine=mine)))
+        mine = {one.key for one in Shard(number, 3).of(plan().by_subject)}
+        left.append(len(make(plan(), tmp_path, mine=mine)))
         assert (tmp_path / "capture.json").exists() == (left[-1] == 0)
     assert left[-1] == 0 and left == sorted(left, reverse=True)
     assert content(tmp_path) == content(whole)
@@ -101,7 +107,7 @@ def test_two_processes_never_make_the_same_view(whole: Path, tmp_path: Path) -> 
     while not (tmp_path / "begun.json").exists():
         assert other.poll() is None
         time.sleep(0.05)
-    make(PLAN, tmp_path)
+    make(plan(), tmp_path)
     assert other.wait(PATIENCE) == 0
     assert content(tmp_path) == content(whole)
 
@@ -127,7 +133,7 @@ with claim(Path({str(tmp_path)!r}) / 'claims' / 's01--pose-0') as ours:
             holder.send_signal(signal.SIGKILL)
             holder.wait()
 
-    assert make(PLAN, tmp_path, progress) == ()
+    assert make(plan(), tmp_path, progress) == ()
     assert told == [1, 2, 3, 4]
     assert content(tmp_path) == content(whole)
 
@@ -147,7 +153,7 @@ def test_what_another_process_makes_counts_as_soon_as_it_is_there(
             shutil.copytree(whole / "s01/pose-0", tmp_path / "s01/pose-0")
 
     monkeypatch.setattr(module, "claim", theirs)
-    assert make(PLAN, tmp_path, progress) == ()
+    assert make(plan(), tmp_path, progress) == ()
     assert told == [1, 2, 3, 4]
     assert content(tmp_path) == content(whole)
 
@@ -167,17 +173,17 @@ def test_a_disk_that_fills_leaves_nothing_half_written(
 
     monkeypatch.setattr(performance, "write_exr", full)
     with pytest.raises(StorageError, match="the disk is full"):
-        make(PLAN, tmp_path)
+        make(plan(), tmp_path)
     assert not list(tmp_path.rglob("*.part")) and not (tmp_path / "capture.json").exists()
     monkeypatch.undo()
-    make(PLAN, tmp_path)
+    make(plan(), tmp_path)
     assert content(tmp_path) == content(whole)
 
 
 def test_a_folder_begun_with_another_preset_is_refused(tmp_path: Path) -> None:
     (tmp_path / "begun.json").write_text(json.dumps({"recipe": "of old"}))
     with pytest.raises(InputError, match="was begun with another preset or generator"):
-        make(PLAN, tmp_path)
+        make(plan(), tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +211,7 @@ def test_the_command_makes_shards(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(PRESETS["openstage"], "mini", TINY)
-    monkeypatch.setattr(making, "_production", lambda capture, size: PLAN)
+    monkeypatch.setattr(making, "_production", lambda capture, size: plan())
     command = ["data", "make", "openstage", "--size", "mini", "--folder", str(tmp_path)]
     assert main([*command, "--shard", "1/2"]) == 0
     assert "not there yet, of other shards: 2 poses" in capsys.readouterr().out
@@ -216,7 +222,7 @@ def test_the_command_makes_shards(
 
 def test_a_part_is_made_by_a_task_of_a_cluster(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(PRESETS["openstage"], "mini", TINY)
-    monkeypatch.setattr(making, "_production", lambda capture, size: PLAN)
+    monkeypatch.setattr(making, "_production", lambda capture, size: plan())
     monkeypatch.setenv("OMP_NUM_THREADS", "1")  # which a task sets for good
     monkeypatch.setattr("handbench.bench.cluster._PATIENCE", 0.1)
     parts = [("openstage", "mini", tmp_path, 1, Shard(i, 3)) for i in (2, 3, 1)]
@@ -252,7 +258,7 @@ def test_a_helper_makes_poses_from_the_end_and_leaves_the_rest(
     helpers.assist(json.dumps(["openstage", "mini", str(tmp_path), os.getppid()]))
     assert made == ["s02/pose-1", "s02/pose-0", "s01/pose-1", "s01/pose-0"]
     assert not (tmp_path / "capture.json").exists()
-    make(PLAN, tmp_path)
+    make(plan(), tmp_path)
     assert len(made) == 4 and content(tmp_path) == content(whole)
     with pytest.raises(SystemExit):
         helpers.assist(json.dumps(["openstage", "mini", str(tmp_path), 1 - os.getppid()]))
