@@ -1,7 +1,8 @@
 # `make quick` and `make test` need nothing but Python 3.11 and pip; see CONTRIBUTING.md.
 BIN := .venv/bin
-# One thread a process: the tests run in two processes. Bytecode is kept, whatever the shell says: the processes that
-# tests start, a hundred of them, would else compile the same modules again.
+# One thread a process: the tests run in two processes. Bytecode is kept, whatever the shell says: a hundred processes
+# that tests start would else compile the same modules again. A file goes to one process, so that what its tests share
+# is made once.
 TEST_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
 .PHONY: help setup quick test lint format bench data docs clean
@@ -22,7 +23,7 @@ quick: setup
 
 test:
 	@bash maintainer/setup.sh test
-	$(TEST_ENV) $(BIN)/python -m pytest -n 2
+	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: setup
 	$(BIN)/ruff check .

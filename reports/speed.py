@@ -51,7 +51,7 @@ def speed_section(run_folder: Path) -> str | None:
     from .speed_figures import figures
 
     found = read(run_folder)
-    return _template("speed_section.html", found, list(figures(found)))
+    return _template("speed_section.html", found, list(figures(found, ("png",))))
 
 
 def _template(name: str, found: SpeedRecord, drawn: list[tuple[str, str, dict[str, bytes]]]) -> str:

@@ -32,26 +32,26 @@ _STYLE: Any = {"font.size": 9, "font.family": "DejaVu Sans", "pdf.fonttype": 42}
 Images = dict[str, bytes]
 
 
-def figures(found: SpeedRecord) -> Iterator[tuple[str, str, Images]]:
-    """(name, caption, {"png": …, "pdf": …}) of every figure of a study."""
+def figures(found: SpeedRecord, kinds: Sequence[str] = ("png", "pdf")) -> Iterator[tuple[str, str, Images]]:
+    """(name, caption, {"png": …, "pdf": …}) of every figure of a study, in the kinds that are wanted."""
     from matplotlib import rc_context
 
     with rc_context(_STYLE):
         for scene in found.scenes:
             caption = f"{scene.title}: error against time, every setting that was measured, and the front they form."
-            yield f"error-time-{scene.name}", caption, _images(_scene(scene))
+            yield f"error-time-{scene.name}", caption, _images(_scene(scene), kinds)
         if found.scaling:
             caption = "Time against size, with the exponent fitted where time grows."
-            yield "scaling", caption, _images(_scaling(found.scaling))
+            yield "scaling", caption, _images(_scaling(found.scaling), kinds)
         drawn = [method for method in found.methods if method.curves]
         if drawn:
             caption = "Methods: error against their own full picture, against time."
-            yield "methods", caption, _images(_methods(drawn))
+            yield "methods", caption, _images(_methods(drawn), kinds)
 
 
-def _images(figure: Figure) -> Images:
+def _images(figure: Figure, kinds: Sequence[str]) -> Images:
     found = {}
-    for kind in ("png", "pdf"):
+    for kind in kinds:
         out = io.BytesIO()
         dated = {"CreationDate": None} if kind == "pdf" else {"Software": None}
         figure.savefig(out, format=kind, dpi=200, metadata=dated, bbox_inches="tight", pad_inches=0.05)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 
+@cache
 def environment(**filters: Any) -> Environment:
-    """The templates of this package with filters by name."""
+    """The templates of this package with filters by name; compiled once a process, which takes longer than a page."""
     made = Environment(
         loader=PackageLoader("handbench.reports"),
         autoescape=True,

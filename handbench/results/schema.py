@@ -274,6 +274,7 @@ def sql(hint: Any) -> str:
     return f"STRUCT({', '.join(f'{chr(34)}{name}{chr(34)} {sql(hints[name])}' for name in hints)})"
 
 
+@cache
 def sql_at(kind: Any, way: str) -> str:
     """The type in DuckDB's SQL of what lies at the end of a way through records, such as "times.train_s"."""
     for name in way.split("."):

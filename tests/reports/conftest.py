@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -220,21 +221,33 @@ def _write_cell(folder: Path, key: str, info: dict[str, Any], subject: str, numb
 
 
 @pytest.fixture(scope="session")
-def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run that tests may read, not change."""
-    return make_run(tmp_path_factory.mktemp("run"))
+def whole_run(untouched: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that tests may read and report on, not change."""
+    return Path(shutil.copytree(untouched, tmp_path_factory.mktemp("run"), dirs_exist_ok=True))
+
+
+@pytest.fixture(scope="session")
+def untouched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run as it was made: no test gets it, they get copies."""
+    return make_run(tmp_path_factory.mktemp("untouched"))
+
+
+@pytest.fixture(scope="session")
+def small_untouched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With two methods, whose pictures are made faster."""
+    return make_run(tmp_path_factory.mktemp("small"), ("oracle", "urhand"))
 
 
 @pytest.fixture
-def run_folder(tmp_path: Path) -> Path:
+def run_folder(untouched: Path, tmp_path: Path) -> Path:
     """A run of a test's own."""
-    return make_run(tmp_path)
+    return Path(shutil.copytree(untouched, tmp_path, dirs_exist_ok=True))
 
 
 @pytest.fixture
-def small_run(tmp_path: Path) -> Path:
-    """A run of a test's own with two methods, whose pictures are made faster."""
-    return make_run(tmp_path, ("oracle", "urhand"))
+def small_run(small_untouched: Path, tmp_path: Path) -> Path:
+    """A run of a test's own with two methods."""
+    return Path(shutil.copytree(small_untouched, tmp_path, dirs_exist_ok=True))
 
 
 @pytest.fixture

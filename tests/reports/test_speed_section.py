@@ -36,7 +36,7 @@ def curve(renderer: str, pose: str, *pairs: tuple[float, float], knob: str = "li
     return ErrorCurve(renderer, pose, tuple(Trial(knob, f"{e:g}", e, (t, 1.1 * t, 1.2 * t)) for t, e in pairs))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def found() -> SpeedRecord:
     curves = (
         curve("handbench", "new", (0.02, 0.2), (0.05, 0.02), (0.2, 0.005)),
@@ -74,6 +74,14 @@ def folder(found: SpeedRecord, tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.fixture(scope="module")
+def report(found: SpeedRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The study's page, written once; in a folder of its own."""
+    folder = tmp_path_factory.mktemp("study")
+    write(folder, found)
+    return write_speed_report(folder)
+
+
 def test_what_is_written_is_read(folder: Path, found: SpeedRecord) -> None:
     assert read(folder) == found
 
@@ -101,21 +109,22 @@ def test_a_damaged_study_is_a_sentence_with_its_place(folder: Path) -> None:
         speed_section(folder)
 
 
-def test_report_needs_no_other_file(folder: Path) -> None:
-    page = write_speed_report(folder).read_text()
+def test_report_needs_no_other_file(report: Path) -> None:
+    page = report.read_text()
     assert page.count("data:image/png;base64,") == 3
     assert "http" not in page
     assert "Test CPU" in page
     assert "not reached" in page
     assert "Lambert &lt;sun&gt;" in page
-    written = sorted(path.name for path in (folder / "report" / "figures").iterdir())
+    written = sorted(path.name for path in (report.parent / "figures").iterdir())
     names = ("error-time-lambert-sun", "methods", "scaling")
     assert written == sorted(f"{name}.{kind}" for name in names for kind in ("png", "pdf"))
 
 
-def test_same_study_gives_same_bytes(folder: Path) -> None:
-    first = write_speed_report(folder).read_bytes()
-    assert write_speed_report(folder).read_bytes() == first
+def test_same_study_gives_same_bytes(report: Path, folder: Path) -> None:
+    again = write_speed_report(folder).parent
+    written = {path.relative_to(again): path.read_bytes() for path in again.rglob("*") if path.is_file()}
+    assert written == {path: (report.parent / path).read_bytes() for path in written} and len(written) == 7
 
 
 def test_section_is_a_fragment_or_nothing(folder: Path, tmp_path: Path) -> None:
