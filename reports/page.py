@@ -15,10 +15,9 @@ from .cost import Span
 from .figures import ERROR_SCALE, Panel
 from .frames import KINDS
 from .model import LIGHT_TITLES, Aggregate, Column, Table
-from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments, shown, told
+from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments, numbered, shown, told
 from .pictures import colour_stops, error_uri, image_uri, png_uri
 from .printed import (
-    MEMORY_TITLES,
     SUNK,
     UNEQUAL_NOTE,
     amount,
@@ -29,7 +28,7 @@ from .printed import (
     letter,
     listed,
     marks,
-    memory_texts,
+    memory_table,
     number,
     scientific,
     signed,
@@ -70,8 +69,6 @@ def render_page(table: Table, run: Run, also: Shown) -> str:
     page.globals.update(
         unequal_note=UNEQUAL_NOTE,
         sunk=SUNK,
-        memory_titles=MEMORY_TITLES,
-        memory_texts=memory_texts,
         signed=signed,
         bounds=bounds,
         chance=chance,
@@ -82,7 +79,7 @@ def render_page(table: Table, run: Run, also: Shown) -> str:
         sentence=sentence,
     )
     page.globals.update(draw=draw, told=told, shown=shown, times=TIMES, frame=FRAME, width=WIDTH, height=HEIGHT)
-    page.globals.update(enrolments=enrolments)
+    page.globals.update(enrolments=enrolments, numbered=numbered)
     studies = {"speed": speed_section(run.folder), "stress": stress_section(run.folder)}
     panels = groupby(also.panels, key=lambda panel: panel.kind)
     return page.get_template("page.html").render(
@@ -104,6 +101,7 @@ def render_page(table: Table, run: Run, also: Shown) -> str:
         scores=scores(run, table),
         studies={name: section for name, section in studies.items() if section},
         linear_limit=LINEAR,
+        memory=memory_table(table),
         light_titles=LIGHT_TITLES,
         resamples=RESAMPLES,
         machine_of=machine,

@@ -27,6 +27,7 @@ TIMES = {
 WIDTH, HEIGHT = 360, 240  # of a drawing
 FRAME = Box(46, 18, 348, 202)  # the plot in it
 _MARGIN = 1.35  # how far the time axis goes beyond the points, as a factor
+_NAMED = 8  # rows whose titles have room in a plot
 _ROOM = 1.1  # of the widths of two times beside each other
 _STEPS = ((1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8), (1, 1.5, 2, 3, 5, 7), (1, 2, 5), (1, 3), (1,))
 Kind = Literal["front", "beaten", "gap", "calibration"]
@@ -37,7 +38,7 @@ class Point:
     """A row of the table with a time. kind "gap": its score misses frames, so it cannot be on the front.
 
     `low`, `high`: the 95 % interval of the score. `unequal`: it is on the front among methods to which enrolment gave
-    something else.
+    something else. `number`: of its row, which stands for its title in a crowd; 0 where there is room for titles.
     """
 
     title: str
@@ -48,15 +49,19 @@ class Point:
     unequal: bool = False
     low: float | None = None
     high: float | None = None
+    number: int = 0
 
     @property
     def label(self) -> str:
-        return f"{self.title} {UNEQUAL}" if self.unequal else self.title
+        """What stands beside the point: in a crowd only those on the front have their titles."""
+        title = str(self.number) if self.number and self.kind != "front" else self.title
+        return f"{title} {UNEQUAL}" if self.unequal else title
 
     @property
     def name(self) -> str:
         """The title with what enrolment gave."""
-        return f"{self.label} ({self.enrolment})" if self.enrolment else self.label
+        title = f"{self.title} {UNEQUAL}" if self.unequal else self.title
+        return f"{title} ({self.enrolment})" if self.enrolment else title
 
 
 @dataclass(frozen=True)
@@ -162,6 +167,13 @@ def enrolments(found: Sequence[Plot]) -> str:
     return "; ".join(f"{enrolment} ({', '.join(each)})" for enrolment, each in titles.items())
 
 
+def numbered(found: Sequence[Plot]) -> str:
+    """What the numbers of points in a crowd stand for: "3 Phong, 4 Physical BRDF", or nothing."""
+    points = (point for plot in found for point in plot.points)
+    titles = {point.number: point.title for point in points if point.number and point.kind != "front"}
+    return ", ".join(f"{each} {titles[each]}" for each in sorted(titles))
+
+
 def shown(plot: Plot, value: float) -> str:
     """A value of the level axis with its unit."""
     return f"{value:.{3 if value < 1000 else 6}g} MiB" if plot.time == "memory" else clock(value)
@@ -181,7 +193,8 @@ def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
     better = 1.0 if metric.higher_is_better else -1.0
     points: list[Point] = []
     left_out: list[str] = []
-    for row in table.computed:
+    crowded = len(table.computed) > _NAMED
+    for place, row in enumerate(table.computed, start=1):
         cell, cost = row.cells[index], seconds(row, time, table.timed_kind)
         if cell.value is None or not math.isfinite(cell.value):
             left_out.append(f"{row.title}: no value")
@@ -189,7 +202,8 @@ def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
             left_out.append(f"{row.title}: {'not told' if time == 'memory' else 'no time'}")
         else:
             kind: Kind = "calibration" if row.kind == "calibration" else "beaten" if cell.complete else "gap"
-            points.append(Point(row.title, cost, cell.value, kind, row.enrolment, low=cell.low, high=cell.high))
+            about = {"low": cell.low, "high": cell.high, "number": place * crowded}
+            points.append(Point(row.title, cost, cell.value, kind, row.enrolment, **about))
     points, far = _in_sight(points)
     empty = Plot(group, metric, time, (), ())
     for point in far:

@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments
+from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments, numbered
 from .pictures import DPI, STYLE, saved
 from .printed import UNEQUAL_NOTE
 
@@ -61,10 +61,9 @@ def _figure(found: Sequence[Plot], inches: float | None, dpi: int) -> dict[str, 
 
 
 def _note(found: Sequence[Plot]) -> str:
-    """What the mark of unequal enrolment means, where a plot has it."""
-    if not any(point.unequal for plot in found for point in plot.points):
-        return ""
-    return f"{UNEQUAL_NOTE}: {enrolments(found)}"
+    """What numbers stand for, and the mark of unequal enrolment, where a plot has them."""
+    unequal = any(point.unequal for plot in found for point in plot.points)
+    return ". ".join(filter(None, (numbered(found), f"{UNEQUAL_NOTE}: {enrolments(found)}" if unequal else "")))
 
 
 def _panel(axes: Axes, plot: Plot) -> None:

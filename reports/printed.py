@@ -102,6 +102,14 @@ def memory_texts(row: Row) -> tuple[str, ...]:
     return (*map(duration, spans), weights, amount(own.parameters), duration(own.frame_j))
 
 
+def memory_table(table: Table) -> tuple[tuple[str, ...], list[tuple[Row, tuple[str, ...]]]]:
+    """Heads and rows of the table of memory, sizes and energy, without what no row tells."""
+    texts = [memory_texts(row) for row in table.footprints]
+    told = [i for i in range(len(MEMORY_TITLES)) if any(text[i] != "–" for text in texts)]
+    rows = [(row, tuple(text[i] for i in told)) for row, text in zip(table.footprints, texts, strict=True)]
+    return tuple(MEMORY_TITLES[i] for i in told), rows
+
+
 def amount(value: float | None) -> str:
     """A count for reading: "512", "84 thousand", "1.2 million", "–" for none."""
     if value is None:

@@ -20,7 +20,6 @@ from .agreement import headline, sentence
 from .model import Aggregate, Column, Group, Metric, Row, Table
 from .printed import (
     COST_TITLES,
-    MEMORY_TITLES,
     SUNK,
     UNEQUAL,
     UNEQUAL_NOTE,
@@ -30,7 +29,7 @@ from .printed import (
     costs_title,
     letter,
     marks,
-    memory_texts,
+    memory_table,
     number,
     signed,
 )
@@ -166,13 +165,12 @@ def _costs(table: Table, style: Style) -> Iterator[RichTable]:
 def _footprints(table: Table) -> Iterator[RichTable]:
     if not table.footprints:
         return
-    texts = [memory_texts(row) for row in table.footprints]
-    told = [i for i in range(len(MEMORY_TITLES)) if any(text[i] != "–" for text in texts)]
+    titles, rows = memory_table(table)
     grid = _empty("Memory, sizes and energy", table.footprints, enrolment=False)
-    for i in told:
-        grid.add_column(MEMORY_TITLES[i].replace(" ", "\n", 1), justify="right", overflow="fold")
-    for row, text in zip(table.footprints, texts, strict=True):
-        grid.add_row(_name(row), *(text[i] for i in told))
+    for title in titles:
+        grid.add_column(title.replace(" ", "\n", 1), justify="right", overflow="fold")
+    for row, texts in rows:
+        grid.add_row(_name(row), *texts)
     yield grid
 
 

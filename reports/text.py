@@ -12,7 +12,6 @@ from .cost import Footprint, Span, Times
 from .model import Aggregate, Column, Row, Table
 from .printed import (
     COST_TITLES,
-    MEMORY_TITLES,
     SUNK,
     UNEQUAL,
     UNEQUAL_NOTE,
@@ -22,7 +21,7 @@ from .printed import (
     costs_title,
     letter,
     marks,
-    memory_texts,
+    memory_table,
     number,
     signed,
 )
@@ -149,9 +148,10 @@ def _markdown(table: Table, style: Style) -> Iterator[str]:
             yield _line([_title(row), *cost_texts(row, table.timed_kind)])
     if style.times is not False and table.footprints:
         yield "\n## Memory, sizes and energy\n"
-        yield from _pipes(["Method", *MEMORY_TITLES])
-        for row in table.footprints:
-            yield _line([_title(row), *memory_texts(row)])
+        titles, rows = memory_table(table)
+        yield from _pipes(["Method", *titles])
+        for row, texts in rows:
+            yield _line([_title(row), *texts])
     if table.agreements:
         yield "\n## Order of methods beside the published one\n"
     for agreement in table.agreements:
