@@ -32,7 +32,7 @@ from .reader import CaptureReader, blame
 from .scoring import SHOWN, Scoring, failed
 from .store import Store
 
-_CHUNK = 16  # queries drawn, scored and dropped together: bounds memory, keeps metrics batched
+CHUNK = 16  # queries drawn, scored and dropped together: bounds memory, keeps metrics batched
 
 
 @dataclass(frozen=True)
@@ -173,9 +173,9 @@ def _relight(
     same: bool | None = None
     kept: dict[str, str] = {}
     scoring = Scoring(bench.reader, bench.metrics, bench.metrics_module, shown)
-    for begin in range(0, len(frames), _CHUNK):
+    for begin in range(0, len(frames), CHUNK):
         drawn: list[tuple[Frame, Prediction]] = []
-        for i, frame in enumerate(frames[begin : begin + _CHUNK], start=begin + 1):
+        for i, frame in enumerate(frames[begin : begin + CHUNK], start=begin + 1):
             answer = Failure(SHOWN, None) if frame.key in unseen else drawing.draw(frame)
             progress(i, len(frames))
             if isinstance(answer, Failure):

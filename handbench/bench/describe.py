@@ -67,6 +67,7 @@ def cell_record(
         seed=cell.seed,
         metrics=tuple(metrics),
         prior=cell.prior,
+        drawing=cell.drawing or None,
         protocol=ProtocolVersion(protocol.name, protocol.version, protocol.digest, protocol.title),
         capture=_capture(plan),
         device=device(),

@@ -115,6 +115,11 @@ class Site:
         return refusals(self.plan, self.bench.selected, self.tools.methods)
 
     @cached_property
+    def drawings(self) -> dict[str, str]:
+        """The cells that the folder holds by the key of their pictures."""
+        return self.bench.store.drawings()
+
+    @cached_property
     def origin(self) -> Provenance:
         """The provenance of what is computed here."""
         from .provenance import provenance
@@ -181,9 +186,14 @@ def _claim(store: Store, cell: Cell, claims: ExitStack) -> bool:
 def _compute(site: Site, cell: Cell, told: Steps) -> None:
     from .cell import compute
     from .describe import cell_record
+    from .rescoring import rescored
 
     store, method = site.bench.store, site.tools.methods[cell.method]
-    found = compute(site.bench, cell, method, told)
+    found, kept = None, None if method.info.truth else store.drawn(site.drawings.get(cell.drawing))
+    if kept is not None:
+        told(f"{cell.label}: score kept pictures")(0, 1)
+        found = rescored(site.bench, cell, kept)
+    found = found or compute(site.bench, cell, method, told)
     about = (site.plan, cell, method, site.bench.selected, site.tools.metrics, site.origin)
     store.write_cell(cell_record(*about, found))
     store.remove_checkpoints(cell.key)

@@ -14,7 +14,7 @@ The configuration of handbench's own methods is resolved by code and files that 
 for it; a plug-in from outside may read its configuration anywhere, so it is made and asked. Not covered, and told in
 a cell's provenance: other packages, the bench's own code within one version, the device, the machine. No time is in
 a key, and no place on disk unless a setting names one. A prior's key covers the same without metrics, enrolment,
-scored frames and subject.
+scored frames and subject; the key of a cell's pictures all but metrics and the protocol's name and version.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _PACKAGES = ("torch", "jax", "mitsuba")  # whose releases change what methods an
 @dataclass(frozen=True)
 class Cell:
     """One method on one subject with one seed, with the settings that were changed. Cells of equal `prior` share a
-    training."""
+    training, cells of equal `drawing` their pictures: they differ in metrics alone."""
 
     key: str
     prior: str
@@ -52,6 +52,7 @@ class Cell:
     subject: str
     seed: int
     changes: tuple[tuple[str, str], ...] = ()
+    drawing: str = ""
 
     @property
     def label(self) -> str:
@@ -147,7 +148,8 @@ def make_plan(
             prior = digest([*made_of, seed, capture_digest, protocol.training_digest])
             for subject in protocol.subjects:
                 key = digest([prior, protocol.digest, scoring, subject])
-                cells.append(Cell(key, prior, name, chosen, subject, seed, entry.changes))
+                drawing = digest([prior, protocol.drawing_digest, subject])
+                cells.append(Cell(key, prior, name, chosen, subject, seed, entry.changes, drawing))
     return Plan(protocol, capture_digest, names, seeds, tuple(cells))
 
 

@@ -175,12 +175,21 @@ class Protocol:
         return digest([*(self.trains_on or (self.capture, self.size)), self.trained, asdict(self.train)])
 
     @cached_property
+    def drawing_digest(self) -> str:
+        """Digest of what decides pictures beside the training: enrolment and scored frames."""
+        return digest([self.training_digest, *self._frames, self.sample_seed, self.capture, self.size])
+
+    @cached_property
     def digest(self) -> str:
         """Digest of everything that decides a score: not titles, default methods, seeds, presets, published numbers."""
-        columns = [column.said for column in self.columns]
-        said = [self.name, self.version, self.training_digest, self.unseen, self.enrol.said, columns]
+        said = [self.name, self.version, self.training_digest, *self._frames]
         scored = [] if self.trains_on is None else [self.capture, self.size]
         return digest([*said, self.metrics, self.sample_seed, *scored])
+
+    @property
+    def _frames(self) -> list[Any]:
+        """What chooses the frames that are enrolled and scored."""
+        return [self.unseen, self.enrol.said, [column.said for column in self.columns]]
 
 
 @dataclass(frozen=True)

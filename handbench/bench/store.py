@@ -222,6 +222,27 @@ class Store:
         self.write_cell(cell)
         return True
 
+    def drawings(self) -> dict[str, str]:
+        """The cells of this and earlier plans that did not crash, by the key of their pictures."""
+        keys = (path.stem for path in sorted((self.folder / "cells").glob("*.json")))
+        return {cell.drawing: key for key in keys if (cell := self.drawn(key)) is not None and cell.drawing}
+
+    def drawn(self, key: str | None) -> CellRecord | None:
+        """A cell that did not crash, None if it is absent, damaged or another version's."""
+        try:
+            cell = None if key is None else self.cell(key)
+        except HandbenchError:  # of a newer version, or behind a link
+            return None
+        return cell if cell is not None and cell.error is None else None
+
+    def share_pictures(self, cell: CellRecord, key: str) -> None:
+        """Give the cell of another key the pictures of a cell of this folder."""
+        for query in cell.predictions:
+            target = self.own(self.picture(key, query))
+            with writing(target):
+                target.parent.mkdir(parents=True, exist_ok=True)
+                _link(self.picture(cell.key, query), target)
+
     def adopt_prior(self, other: Store, key: str) -> bool:
         """Take a training of another folder; False if it has none that is whole."""
         try:

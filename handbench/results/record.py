@@ -346,6 +346,7 @@ class CellRecord:
     curve: tuple[CurvePoint, ...] = told("losses of personalising", default=())
     remarks: tuple[str, ...] = told("what a reader must know of the frames it was scored with", default=())
     prior: Name | None = told("the key of its training", default=None)
+    drawing: Name | None = told("the key of its pictures: cells of one key differ in metrics alone", default=None)
     protocol: ProtocolVersion | None = told("the protocol", default=None)
     capture: CaptureRecord | None = told("the data", default=None)
     device: Device | None = told("the machine", default=None)

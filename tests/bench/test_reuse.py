@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -36,9 +37,40 @@ def test_without_being_told_a_run_takes_nothing(fakes, toy_protocol, tmp_path):
 def test_a_training_is_taken_where_the_cells_differ(fakes, toy_protocol, tmp_path):
     run(toy_protocol(), out=tmp_path / "a")
     fakes.CALLS.clear()
-    outcome = run(toy_protocol(metrics=["ssim"]), out=tmp_path / "b", reuse=(tmp_path / "a",))
+    other = toy_protocol()
+    other = replace(other, sample_seed=other.sample_seed + 1)
+    outcome = run(other, out=tmp_path / "b", reuse=(tmp_path / "a",))
     assert (outcome.computed, outcome.taken) == (2, 0)
     assert fakes.CALLS["toy train"] == 0 and fakes.CALLS["toy relight"] > 0
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_kept_pictures_are_scored_again_where_only_metrics_differ(fakes, toy_protocol, tmp_path, elsewhere):
+    """In the folder or another one: the scores are those of drawing anew, up to half floats, and nothing is drawn."""
+    run(toy_protocol(), out=tmp_path / "a")
+    anew = run(toy_protocol(metrics=["ssim", "psnr"]), out=tmp_path / "anew")
+    fakes.CALLS.clear()
+    out = tmp_path / ("b" if elsewhere else "a")
+    reuse = (tmp_path / "a",) if elsewhere else ()
+    outcome = run(toy_protocol(metrics=["ssim", "psnr"]), out=out, reuse=reuse)
+    assert (outcome.computed, outcome.taken) == (2, 0) and not outcome.crashed
+    assert fakes.CALLS["toy train"] == fakes.CALLS["toy relight"] == fakes.CALLS["toy personalise"] == 0
+    for key in Store(out).run().cells:
+        now, then = Store(out).cell(key), Store(anew.folder).cell(key)
+        assert [s.query for s in now.scores] == [s.query for s in then.scores]
+        for one, other in zip(now.scores, then.scores, strict=True):
+            assert one.values == pytest.approx(other.values, abs=2e-3)
+        assert now.times.new_pose_ms and now.predictions.keys() == then.predictions.keys()
+        assert any("scored again" in remark for remark in now.remarks)
+        assert all(Store(out).picture(key, query).is_file() for query in now.predictions)
+
+
+def test_pictures_that_were_changed_are_drawn_again(fakes, toy_protocol, tmp_path):
+    run(toy_protocol(), out=tmp_path)
+    next(tmp_path.glob("predictions/*/*")).write_bytes(b"other")
+    fakes.CALLS.clear()
+    assert run(toy_protocol(metrics=["ssim"]), out=tmp_path).computed == 2
+    assert fakes.CALLS["toy relight"] > 0
 
 
 def test_what_links_are_missing_is_copied(fakes, toy_protocol, tmp_path, monkeypatch):
