@@ -17,6 +17,9 @@ settings.load_profile("repeatable")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
+# Tests of several threads share two cores with other tests: threads that wait must sleep, or a second takes a minute.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
 # XLA compiles the same kernels in every process of the tests, for 3 s in one that draws: what one has compiled, the
 # others load. The first process of the tests comes here first, its workers and what they start have it from there.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:

@@ -31,10 +31,11 @@ def test_ray_scenes_are_as_many_for_meshes_made_for_every_frame(
         whole(self, vertices, faces)
 
     monkeypatch.setattr(RayScene, "__init__", counted)
-    frames = {frame.key: frame for frame in training.frames}
-    own = Recording(map(_own, training.frames), lambda frame: training.observe(frames[frame.key]))
+    few = [frame for frame in training.frames if frame.kind == "full" or frame.lighting in ("olat-00", "olat-01")]
+    frames = {frame.key: frame for frame in few}
+    own = Recording(map(_own, few), lambda frame: training.observe(frames[frame.key]))
     counts = []
-    for recording in (training, own, training, own):
+    for recording in (Recording(few, training.observe), own) * 2:
         made.clear()
         views(recording, 64)
         physical.create().train(recording)
