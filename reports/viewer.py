@@ -6,6 +6,7 @@ show, each column gives the same number of frames, spread evenly over its own or
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ import numpy as np
 
 from handbench.bench.scoring import SHOWN
 from handbench.bench.store import Store
+from handbench.files import read_bytes
 from handbench.scene import Array
 
 from .figures import ERROR_SCALE
@@ -28,6 +30,7 @@ from .truth import truth_of
 from .verdict import leader
 
 PIXELS = 60e6  # in all pictures of a page together: about 10 MB
+_LAMP_LIMIT = 1 << 20  # bytes of the picture of a light
 SIDE = 512  # pixels, the greatest side of a picture
 
 
@@ -85,10 +88,23 @@ def viewer(run: Run, table: Table) -> Viewer | None:
         "stops": STOPS,
         "names": ["truth", *names],
         "colours": palette().tobytes().hex(),
+        "lamps": _lamps(run, frames),
         "frames": frames,
     }
     seeds = table.seeds
     return Viewer(data, len(frames), len(chosen), len(scored), seeds[0] if len(seeds) > 1 else None)
+
+
+def _lamps(run: Run, frames: Sequence[dict[str, Any]]) -> list[str]:
+    """The pictures of the frames' lights as base64, each once; sets each frame's place in them, or None."""
+    found: dict[Path, int] = {}
+    for frame in frames:
+        query = "/".join(frame[part] for part in ("subject", "pose", "camera", "light"))
+        stores = [Store(folder) for folder in (run.folder, *run.others)]
+        paths = (store.own(store.light(name)) for store in stores for name in (query, frame["light"]))
+        path = next((path for path in paths if path.is_file()), None)
+        frame["lamp"] = None if path is None else found.setdefault(path, len(found))
+    return [base64.b64encode(read_bytes(path, _LAMP_LIMIT)).decode() for path in found]
 
 
 def per_column(size: tuple[int, int], pictures: int, columns: int) -> int:

@@ -175,6 +175,11 @@ def _announce(site: Site, shard: Shard | None) -> tuple[str, ...]:
     again = replace(site.job, seeds=tuple(dict.fromkeys((*now.seeds, *earlier)))).plan(site.capture)
     found = joined(now, before, store.cell, {cell.key for cell in again.cells})
     store.write_run(found.record)
+    from .lightpictures import light_pictures
+
+    scored = {frame.key: frame for frames in site.bench.selected.scored.values() for frame in frames}
+    for name, content in light_pictures(scored.values()):
+        store.write_light(name, content)
     return found.gone
 
 

@@ -5,6 +5,7 @@
     predictions/<cell key>/*.exr    what the method drew, half floats, one file a query ("/" becomes "__")
     priors/<prior key>/             state/ as the method saved it, and train.json with a digest of each file
     checkpoints/<key>/              trainings under way, of priors and of cells; gone when they are done
+    lights/<lighting>.png           what is seen around the hand, for the page
     claims/<key>                    cells and trainings that a process is at work on; gone when they are done
 
 Everything is written under a temporary name beside its place, flushed, and renamed, so a reader or a second
@@ -136,6 +137,19 @@ class Store:
     def picture(self, key: str, query: str) -> Path:
         """Where a cell keeps its picture of a query."""
         return self.folder / "predictions" / key / f"{query.replace('/', '__')}.exr"
+
+    def light(self, name: str) -> Path:
+        """Where the picture of a light is, by the name of its lighting or the key of its frame."""
+        return self.folder / "lights" / f"{name.replace('/', '__')}.png"
+
+    def write_light(self, name: str, content: bytes) -> None:
+        """Keep the picture of a light."""
+        path = self.own(self.light(name))
+        part = _part(path)
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(content)
+            part.replace(path)
 
     def read_prediction(self, cell: CellRecord, query: str) -> Prediction:
         """The picture that a cell kept of a query, in half floats.

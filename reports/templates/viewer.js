@@ -38,6 +38,12 @@ if (root) {
       form[key].value = frame[key];
       left = left.filter((each) => each[key] === frame[key]);
     }
+    const lamp = get(".lamp");
+    lamp.hidden = frame.lamp === null;
+    if (!lamp.hidden) {
+      lamp.querySelector("img").src = `data:image/png;base64,${data.lamps[frame.lamp]}`;
+      lamp.querySelector("img").alt = `Light ${frame.light}, as seen from the hand`;
+    }
     get(".place").value = `${pool().indexOf(frame) + 1} of ${pool().length}`;
   }
   function pool() {
@@ -133,8 +139,9 @@ if (root) {
     const stops = Number(get(".exposing").value);
     get(".ev").value = (stops > 0 ? "+" : "") + String(stops).replace("-", "−");
     const files = [chosen.left, chosen.right].map((index) => frame.files[index]).filter(Boolean);
-    get(".exposure").textContent = `${frame.columns.map((name) => data.columns[name]).join(", ")}. Exposure ×${frame.exposure}.` +
-      (files.length ? ` Half floats in the run folder: ${[...new Set(files)].join(", ")}` : "");
+    get(".exposure").textContent = `${frame.columns.map((name) => data.columns[name]).join(", ")}. Exposure ×${frame.exposure}.`;
+    get(".halves").hidden = !files.length;
+    get(".halves ul").replaceChildren(...[...new Set(files)].map((file) => Object.assign(document.createElement("li"), { textContent: file })));
     if (get(".all").open) await drawAll(turn);
     state.set({
       frame: frame === data.frames[0] ? "" : query(frame),

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from handbench.bench.store import Store
 from handbench.reports import table
 from handbench.reports import viewer as viewer_module
 from handbench.reports.frames import View, answers
@@ -65,6 +66,26 @@ def test_pictures_are_the_truth_and_the_answers_cut_and_exposed_alike(whole_run:
         assert np.abs(_pixels(picture) - beyond_white(expected)).mean() < 0.01
     assert frame["files"][4].endswith(f"{query.replace('/', '__')}.exr") and (whole_run / frame["files"][4]).is_file()
     assert (whole_run / frame["files"][0]).is_file() and frame["files"][0] != frame["files"][4]
+
+
+def test_the_light_of_a_frame_is_shown_where_the_run_keeps_a_picture_of_it(small_run: Path) -> None:
+    """One of a lighting, or one of a frame before it; each is in the page once."""
+    assert {frame["lamp"] for frame in _viewer(small_run).data["frames"]} == {None}, "a run of before they were kept"
+    store = Store(small_run)
+    store.write_light("olat-03", b"of the lighting")
+    store.write_light("s01/fist/dorsal/olat-03", b"of one frame")
+    data = _viewer(small_run).data
+    lit = {
+        (frame["subject"], frame["pose"], frame["camera"]): frame["lamp"]
+        for frame in data["frames"]
+        if frame["light"] == "olat-03"
+    }
+    of_one = lit.pop(("s01", "fist", "dorsal"))
+    assert base64.b64decode(data["lamps"][of_one]) == b"of one frame"
+    assert {base64.b64decode(data["lamps"][lamp]) for lamp in lit.values()} == {b"of the lighting"} and len(
+        data["lamps"]
+    ) == 2
+    assert {frame["lamp"] for frame in data["frames"] if frame["light"] != "olat-03"} == {None}
 
 
 def test_pictures_have_four_stops_above_white() -> None:
