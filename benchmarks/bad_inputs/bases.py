@@ -14,6 +14,7 @@ from PIL import Image
 from handbench.cli import main
 from handbench.data.exr import rgb, write_exr
 
+from .sound import Hands, make_hands
 from .worker import VALUES, capture, environment, protocol
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -29,6 +30,7 @@ class Bases:
     capture         the folder of the smallest light stage
     pictures        files by name: pairs of `prediction.*` and `truth.*` whose PSNR is `psnr`
     maps            environment maps by name, all of one mean radiance
+    hands           what is about hands
     """
 
     protocol: str
@@ -41,10 +43,11 @@ class Bases:
     psnr: float
     maps: dict[str, bytes]
     answers: dict[str, str]
+    hands: Hands
 
 
 def make_bases(folder: Path) -> Bases:
-    """All of it, in some ten seconds."""
+    """All of it, in some thirty seconds."""
     text = _protocol()
     (folder / "p.toml").write_text(text)
     _handbench(folder, "run", "p.toml", "--methods", "oracle,mean", "--out", "run")
@@ -71,6 +74,7 @@ def make_bases(folder: Path) -> Bases:
         psnr,
         maps,
         {**told, "capture": capture(stage)},
+        make_hands(folder),
     )
 
 

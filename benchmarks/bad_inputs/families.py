@@ -9,12 +9,12 @@ from pathlib import Path
 
 from .bases import Bases, values
 from .case import Case
+from .hands import ENDLESS, avatars, formats, layouts, verbs
 from .mutate import HOSTILE_TEXTS, spoiled_bytes, spoiled_json, spoiled_toml
 from .surroundings import surroundings
 from .worker import VALUES
 
 Family = Callable[[random.Random, Bases], Case]
-_ENDLESS = ("mkfifo {0}", "ln -s /dev/zero {0}", "mkdir {0}", "ln -s {0} {0}", "ln -s gone {0}", "truncate -s 1T {0}")
 
 
 def protocols(rng: random.Random, bases: Bases) -> Case:
@@ -80,6 +80,7 @@ _READERS = {
     "baseline of a gate": ("gate", "{sound}", "--baseline", "{run}", "--json"),
     "compare": ("compare", "{sound}", "{run}"),
     "several": ("report", "{run}", "{sound}"),
+    "leaderboard": ("leaderboard", "board", "{run}"),
 }
 
 
@@ -266,6 +267,10 @@ FAMILIES: dict[str, tuple[Family, int]] = {
     "captures": (captures, 10),
     "commands": (commands, 20),
     "surroundings": (surroundings, 4),
+    "layouts": (lambda rng, bases: layouts(rng, bases.hands), 26),
+    "formats": (lambda rng, bases: formats(rng, bases.hands), 16),
+    "avatars": (lambda rng, bases: avatars(rng, bases.hands), 8),
+    "verbs": (lambda rng, bases: verbs(rng, bases.hands), 16),
 }
 """Families and their shares."""
 
@@ -289,7 +294,7 @@ def _special(
     files: dict[str, bytes] | None = None,
 ) -> Case:
     """What is no regular file, or endless, in the place of a file."""
-    line = rng.choice(_ENDLESS)
+    line = rng.choice(ENDLESS)
     made = f"rm -rf {name}; {line.format(name)}"
     kept = {key: content for key, content in (files or {}).items() if key != name}
     return Case(family, f"{prefix}{line.split()[0]}", words, None, kept, tree, made)

@@ -7,6 +7,7 @@ import json
 import os
 import resource
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,71 @@ def score(folder: Path) -> str:
     return ""
 
 
-CALLS = {"protocol": protocol, "environment": environment, "capture": capture, "score": score}
+def folder(path: Path, mano: Path) -> str:
+    """What a folder of pictures tells: keys, means of a picture and of a mesh, and what is doubted."""
+    import numpy as np
+
+    from handbench.data.capture import read
+    from handbench.data.conventions import checked
+    from handbench.data.readers import open_at
+    from handbench.hand import hand_model
+
+    os.environ["HANDBENCH_MANO"] = str(mano)
+    hand_model.cache_clear()
+    found = open_at(path)
+    frame = found.frames()[-1]
+    seen = read(found, frame)
+    shape = "" if frame.mesh is None else f"{frame.mesh.vertices.mean():.4g}"
+    return f"{frame.key} {float(np.mean(seen.image)):.4g} {shape} {len(checked(found).doubts)}"
+
+
+def mesh(path: Path) -> str:
+    """Counts and the mean of a mesh file."""
+    from handbench.data.meshfile import read_mesh
+
+    found = read_mesh(path)
+    return f"{found.vertices.shape} {found.topology.faces.shape} {found.vertices.mean():.4g}"
+
+
+def poses(path: Path) -> str:
+    """How many poses a file holds, and where the first is."""
+    from handbench.data.poses import read_poses
+    from handbench.hand import hand_model
+
+    found = read_poses(path, hand_model())
+    return f"{len(found)} {found[0].pose.translation.tolist()}"
+
+
+def cameras(path: Path) -> str:
+    """The cameras of a file."""
+    from handbench.data.camerafile import read_cameras
+
+    return " ".join(f"{camera.name} {camera.centre.tolist()}" for camera in read_cameras(str(path), {}))
+
+
+def mano(path: Path) -> str:
+    """The digest of MANO's file, and what its hand is made of."""
+    from handbench.hand.mano.files import read_mano
+
+    found = read_mano(path)
+    return f"{found.v_template.mean():.6g} {found.weights.sum():.6g}"
+
+
+def avatar(path: Path) -> str:
+    """The mean of a picture of an avatar under one light."""
+    from handbench.avatars.folder import read_avatar
+    from handbench.scene import Directional
+
+    found = read_avatar(path)
+    shown = found.repertoire
+    viewpoint = shown.viewpoint(shown.posture(shown.views[0][0]), shown.camera(shown.views[0][1]))
+    return f"{found.avatar.pose(viewpoint).relight(Directional([0, 0, 1], [1.0, 1.0, 1.0])).image.mean():.5g}"
+
+
+CALLS: dict[str, Callable[..., str]] = {
+    **{"protocol": protocol, "environment": environment, "capture": capture, "score": score, "folder": folder},
+    **{"mesh": mesh, "poses": poses, "cameras": cameras, "mano": mano, "avatar": avatar},
+}
 
 
 def attempt(words: list[str]) -> int:
@@ -71,7 +136,7 @@ def attempt(words: list[str]) -> int:
     if not words[0].startswith("call:"):
         return main(words)
     try:
-        say(CALLS[words[0].removeprefix("call:")](Path(words[1])))
+        say(CALLS[words[0].removeprefix("call:")](*map(Path, words[1:])))
         return 0
     except Exception as error:
         return ending(error, False, None)

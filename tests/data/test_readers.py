@@ -329,12 +329,12 @@ def test_a_folder_of_no_layout_says_what_to_do(tmp_path: Path) -> None:
 def test_a_million_frames_are_light(interhand: tuple[Path, dict], mano: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """A tenth of them here, in a tenth of 5 s and 1 GB."""
     numbers, cameras = [str(12001 + 3 * i) for i in range(1_250)], [f"cam{i}" for i in range(80)]
-    said = module._Annotations(interhand[0], "train", hashlib.sha256())
+    said = module.Annotations(interhand[0], "train", hashlib.sha256())
     for table in (said._fits, said._points):
         table["0"] = dict.fromkeys(numbers, table["0"]["12001"])
     camera = InterHand(interhand[0]).frames()[0].camera
     monkeypatch.setattr(said, "camera", lambda *where: camera)
-    monkeypatch.setattr(module, "_Annotations", lambda *where: said)
+    monkeypatch.setattr(module, "Annotations", lambda *where: said)
     monkeypatch.setattr(module, "_numbers", lambda place: numbers)
     monkeypatch.setattr(module, "_names", lambda place: cameras if place.name.startswith("ROM") else ["ROM03"])
     start = time.process_time()

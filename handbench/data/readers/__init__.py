@@ -1,9 +1,10 @@
 """Readers of captures that others publish, in their layouts, and plain folders: `open_at` tells which a folder is.
 
-interhand.py   InterHand2.6M;  reinterhand.py: Re:InterHand;  harp.py: HARP;  goliath.py: Goliath's hands
-palm.py        PALM;  uhm.py: phone scans as UHM reads them, in the two layouts of scans.py
-place.py       where they lie;  masked.py: masks from meshes;  zipped.py: files in archives;  mano.py: MANO's hand
-keypoints.py   key points and numbers of others
+interhand.py    InterHand2.6M; annotations.py: its files
+reinterhand.py  Re:InterHand;  harp.py: HARP;  goliath.py: Goliath's hands;  palm.py: PALM
+uhm.py          phone scans as UHM reads them; scans.py: their two layouts
+place.py        where captures lie, and how frames are listed;  mano.py: MANO's hand;  masked.py: masks from meshes
+zipped.py       files in archives;  keypoints.py: key points and numbers of others
 """
 
 from __future__ import annotations

@@ -20,14 +20,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
-from ...files import read_json
 from ...method import Progress, silent
 from ...recording import Need
 from ...scene import Array, Camera, Frame, Mesh, Observation, Pose, Unknown
 from ..capture import Capture
 from ..pictures import Stated, read_mask, read_picture
-from ..picturesize import picture_size
-from .keypoints import TIPS_FIRST, projected
+from .annotations import Annotations
+from .keypoints import projected
 from .mano import posed, right_hand
 from .masked import covered
 from .place import check_size, lacking, listed, place_of
@@ -49,9 +48,7 @@ PALM = {
 PALM_MOMENTS = 20
 
 _SPLITS = ("train", "val", "test")
-_LIMIT = 2 << 30  # bytes of an annotation file
 _LIGHT = Unknown("studio")
-_FIT = {"pose": 48, "shape": 10, "trans": 3}
 _NUMBER = re.compile(r"[0-9]+")
 
 
@@ -77,7 +74,7 @@ class InterHand(Capture):
         self.hand = None if self._hand is None else self._hand.name
         self._left_out = 0
         self.drawn_masks = not (folder / "masks").is_dir()
-        self._places: dict[str, tuple[_Annotations, str, str]] = {}  # by pose key: capture, folder of the sequence
+        self._places: dict[str, tuple[Annotations, str, str]] = {}  # by pose key: capture, folder of the sequence
         self._digest = hashlib.sha256(size.encode())
         built = self._palm() if size == "palm" else self._released()
         self._frames = listed(built)
@@ -124,11 +121,11 @@ class InterHand(Capture):
     def _released(self) -> Iterator[Frame]:
         for split in _SPLITS:
             if (self.folder / "images" / split).is_dir():
-                said = _Annotations(self.folder, split, self._digest)
+                said = Annotations(self.folder, split, self._digest)
                 for capture in sorted(p.name for p in (self.folder / "images" / split).iterdir() if p.is_dir()):
                     yield from self._capture(said, split, capture)
 
-    def _capture(self, said: _Annotations, split: str, capture: str) -> Iterator[Frame]:
+    def _capture(self, said: Annotations, split: str, capture: str) -> Iterator[Frame]:
         root, subject = self.folder / "images" / split / capture, f"{split}-{capture}"
         cameras: dict[str, Camera] = {}
         moments: dict[str, Frame | None] = {}
@@ -149,7 +146,7 @@ class InterHand(Capture):
                         yield frame.seen_by(camera)
 
     def _palm(self) -> Iterator[Frame]:
-        said = _Annotations(self.folder, "train", self._digest)
+        said = Annotations(self.folder, "train", self._digest)
         for (capture, movement), cameras in PALM.items():
             root = self.folder / "images" / "train" / capture
             found = sorted(p.name for p in root.glob(f"{movement}*") if p.is_dir())
@@ -171,7 +168,7 @@ class InterHand(Capture):
                 for i, number in enumerate(numbers[k] for k in chosen):
                     yield moments[number].frame(subject, number, camera, "sequence" if i else "fit", i)
 
-    def _moment(self, said: _Annotations, capture: str, subject: str, number: str, place: str) -> _Moment | None:
+    def _moment(self, said: Annotations, capture: str, subject: str, number: str, place: str) -> _Moment | None:
         fit = said.fit(capture, number)
         if fit is None:
             self._left_out += 1
@@ -201,62 +198,6 @@ class _Moment:
 def _pose(hand: ManoHand, fit: dict[str, Any]) -> Pose:
     told = np.array(fit["pose"], np.float64)
     return hand.pose_of(told[3:], told[:3], fit["trans"], fit["shape"], flat_hand_mean=False)
-
-
-class _Annotations:
-    """The annotation files of a split."""
-
-    def __init__(self, folder: Path, split: str, digest: Any) -> None:
-        self._folder = folder
-        tables = []
-        for kind in ("camera", "joint_3d", "MANO_NeuralAnnot"):
-            name = f"InterHand2.6M_{split}_{kind}.json"
-            places = [folder / "annotations" / below / name for below in (split, "all", ".")]
-            path = next((path for path in places if path.is_file()), None)
-            if path is None:
-                raise lacking(folder, f"annotations/{split}/{name}")
-            digest.update(f"{name} {path.stat().st_size}".encode())
-            tables.append(read_json(path, _LIMIT, "annotation file"))
-        self._cameras, self._points, self._fits = tables
-
-    def camera(self, capture: str, name: str, picture: Path) -> Camera:
-        said = self._of(self._cameras, capture, "camera")
-        identity = name.removeprefix("cam")
-        try:
-            rotation = np.array(said["camrot"][identity], np.float64).reshape(3, 3)
-            position = 0.001 * np.array(said["campos"][identity], np.float64)
-            (fx, fy), (cx, cy) = said["focal"][identity], said["princpt"][identity]
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{self._folder}: the annotations have no camera {identity} of {capture}") from error
-        K = np.array([[fx, 0, cx + 0.5], [0, fy, cy + 0.5], [0, 0, 1]], np.float64)
-        return Camera(name, *picture_size(picture), K, np.c_[rotation, -rotation @ position])
-
-    def fit(self, capture: str, number: str) -> dict[str, Any] | None:
-        """MANO's parameters of a moment with a single right hand; None for others."""
-        frame = str(int(number))
-        points = self._of(self._points, capture, "joint_3d").get(frame)
-        if points is None or points.get("hand_type") != "right":
-            return None
-        fit = (self._of(self._fits, capture, "MANO_NeuralAnnot").get(frame) or {}).get("right")
-        if not isinstance(fit, dict) or not all(key in fit for key in _FIT):
-            return None
-        for key, count in _FIT.items():
-            value = fit[key]
-            if not isinstance(value, list) or len(value) != count or not all(type(x) in (int, float) for x in value):
-                raise InputError(f"{self._folder}: the fit of {capture} {frame} has no {key} of {count} numbers")
-        return fit
-
-    def joints(self, capture: str, number: str) -> tuple[Array, Array]:
-        """The right hand's 21 key points in metres and whether each is valid, in our order."""
-        said = self._points[capture.removeprefix("Capture")][str(int(number))]
-        points = 0.001 * np.array(said["world_coord"], np.float64)[list(TIPS_FIRST)]
-        return points, np.array(said["joint_valid"], np.float64).ravel()[list(TIPS_FIRST)]
-
-    def _of(self, table: Any, capture: str, kind: str) -> dict[str, Any]:
-        found = table.get(capture.removeprefix("Capture")) if isinstance(table, dict) else None
-        if not isinstance(found, dict):
-            raise InputError(f"{self._folder}: the annotations ({kind}) have no {capture}")
-        return found
 
 
 def _numbers(folder: Path) -> list[str]:

@@ -77,7 +77,7 @@ class ReInterHand(Capture):
         self._left, why_left = _left_hand() if self._right is not None else (None, ())
         self._why = (*why, *why_left)
         self.hand = None if self._right is None else self._right.name
-        self._left_out = 0
+        self._left_out: set[str] = set()  # moments
         self._places: dict[str, Path] = {}  # by subject
         self._digest = hashlib.sha256()
         self._frames = listed(frame for place in _captures(folder) for frame in self._capture(place))
@@ -98,7 +98,7 @@ class ReInterHand(Capture):
     def remarks(self) -> tuple[str, ...]:
         found = ["pictures are drawn by a network; left hands are not read, and black where they lie before the right"]
         if self._left_out:
-            found.append(f"{self._left_out} moments are without a fit of both hands, and are left out")
+            found.append(f"{len(self._left_out)} moments are without a fit of both hands, and are left out")
         return (*self._why, *found)
 
     def observe(self, frame: Frame) -> Observation:
@@ -135,7 +135,8 @@ class ReInterHand(Capture):
                         segment = segments.get(int(number), "unlisted") if there else ""
                         lit = f"{word}-{number if word == 'frame' else segment}"
                         moments[number] = self._frame(subject, number, lit, segment, camera) if there else None
-                        self._left_out += not there
+                        if not there:
+                            self._left_out.add(f"{subject}/{number}")
                     if (frame := moments[number]) is not None:
                         yield frame.seen_by(camera)
 
