@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import json
 import pickle
@@ -42,6 +43,7 @@ def under(capture: Capture, lighting: str, subject: str = "s01") -> list[Frame]:
     return [f for f in capture.frames() if f.subject == subject and f.lighting == lighting]
 
 
+@functools.cache
 def fits(capture: Capture, mano: HandModel) -> dict[str, tuple[Any, Any]]:
     """Of each pose of s01 MANO's nearest pose and shape."""
     source, found, shape = hand_model(), {}, None
