@@ -20,14 +20,14 @@ def layouts(rng: random.Random, hands: Hands) -> Case:
     told = [file for file in files if not file.endswith((".png", ".jpg"))]
     file = rng.choice([*told * 3, *files] if name != "plain" else [*["handbench.toml"] * 30, *told * 3, *files])
     verb = ("data", "check", "hands", "--frames", "2", "--out", "s.png")
-    words = verb if rng.random() < 0.15 else ("call:folder", "hands", str(hands.mano))
+    words = verb if rng.random() < 0.15 else ("call:folder", "hands")
     if rng.random() < 0.08:
         line = rng.choice(ENDLESS)
         made = f"rm -rf hands/{file}; {line.format(f'hands/{file}')}"
-        return Case("layouts", f"{name} {line.split()[0]}", words, None, {}, ("hands", sound), made)
+        return _case(hands, "layouts", f"{name} {line.split()[0]}", words, {}, ("hands", sound), made)
     content = _spoiled(rng, file, (sound / file).read_bytes())
     kind = file.rpartition(".")[2]
-    return Case("layouts", f"{name} {kind}", words, None, {f"hands/{file}": content}, ("hands", sound))
+    return _case(hands, "layouts", f"{name} {kind}", words, {f"hands/{file}": content}, ("hands", sound))
 
 
 def formats(rng: random.Random, hands: Hands) -> Case:
@@ -70,7 +70,21 @@ def verbs(rng: random.Random, hands: Hands) -> Case:
     words = [_word(rng, hands, word) for word in rng.choice(_COMMANDS)]
     if rng.random() < 0.15 and words[0] != "view":
         words.insert(rng.randrange(1, len(words) + 1), rng.choice(_ODD))
-    return Case("verbs", " ".join(words[:1]), tuple(words))
+    return _case(hands, "verbs", words[0], tuple(words), {})
+
+
+def _case(
+    hands: Hands,
+    family: str,
+    name: str,
+    words: tuple[str, ...],
+    files: dict[str, bytes],
+    tree: tuple[str, Path] | None = None,
+    special: str = "",
+) -> Case:
+    """A case in which MANO's files are there."""
+    there = {"HANDBENCH_MANO": str(hands.mano)}
+    return Case(family, name, words, None, files, tree, special, environment=there)
 
 
 def _word(rng: random.Random, hands: Hands, word: str) -> str:

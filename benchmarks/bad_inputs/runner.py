@@ -32,7 +32,8 @@ class Worker:
         if self._process is None:
             self._start()
         assert self._process is not None and self._process.stdin is not None
-        self._process.stdin.write(json.dumps({"words": case.words, "folder": str(folder)}).encode() + b"\n")
+        asked = {"words": case.words, "folder": str(folder), "environment": case.environment}
+        self._process.stdin.write(json.dumps(asked).encode() + b"\n")
         self._process.stdin.flush()
         line = self._line(limit)
         if line:

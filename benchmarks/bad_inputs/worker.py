@@ -60,17 +60,14 @@ def score(folder: Path) -> str:
     return ""
 
 
-def folder(path: Path, mano: Path) -> str:
+def folder(path: Path) -> str:
     """What a folder of pictures tells: keys, means of a picture and of a mesh, and what is doubted."""
     import numpy as np
 
     from handbench.data.capture import read
     from handbench.data.conventions import checked
     from handbench.data.readers import open_at
-    from handbench.hand import hand_model
 
-    os.environ["HANDBENCH_MANO"] = str(mano)
-    hand_model.cache_clear()
     found = open_at(path)
     frame = found.frames()[-1]
     seen = read(found, frame)
@@ -136,7 +133,7 @@ def attempt(words: list[str]) -> int:
     if not words[0].startswith("call:"):
         return main(words)
     try:
-        say(CALLS[words[0].removeprefix("call:")](*map(Path, words[1:])))
+        say(CALLS[words[0].removeprefix("call:")](Path(words[1])))
         return 0
     except Exception as error:
         return ending(error, False, None)
@@ -166,6 +163,7 @@ def serve() -> None:
     for line in asked:
         question: dict[str, Any] = json.loads(line)
         os.chdir(question["folder"])
+        os.environ.update(question["environment"])
         out, err = _streams()
         try:
             code = attempt(question["words"])

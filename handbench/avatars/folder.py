@@ -167,10 +167,8 @@ def read_avatar(folder: Path) -> Portrait:
     try:
         method = method_as(entry, record.preset, record.config)
     except InputError as error:
-        raise InputError(
-            f"avatar {folder} is of version {record.version} of handbench, and this is {__version__}: {error}; "
-            "personalise it anew"
-        ) from error
+        by = "" if record.version == __version__ else f", made by version {record.version} (this is {__version__})"
+        raise InputError(f"avatar {folder}{by} cannot be shown here: {error}; personalise it anew") from error
     with isolated():
         prior = method.load(folder / "prior")
         avatar = prior.restore(folder / "avatar")
