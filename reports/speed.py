@@ -14,7 +14,18 @@ from rich.text import Text
 
 from handbench.files import whole, writing
 from handbench.studies.speed.equal_error import TimeAt
-from handbench.studies.speed.record import MITSUBA, RESULT, MethodStudy, Scaling, SceneStudy, SpeedRecord, read
+from handbench.studies.speed.record import (
+    MITSUBA,
+    RESULT,
+    Implicit,
+    Measured,
+    MethodStudy,
+    Part,
+    Scaling,
+    SceneStudy,
+    SpeedRecord,
+    read,
+)
 
 from .run import machine
 from .template import environment
@@ -55,13 +66,14 @@ def speed_section(run_folder: Path) -> str | None:
 
 
 def _template(name: str, found: SpeedRecord, drawn: list[tuple[str, str, dict[str, bytes]]]) -> str:
-    page = environment(percent=percent, duration=duration, cell=cell_text)
+    page = environment(percent=percent, duration=duration, cell=cell_text, least=least)
     shown = {name: (caption, base64.b64encode(images["png"]).decode()) for name, caption, images in drawn}
     return page.get_template(name).render(
         found=found,
         figures=shown,
         machine=_machine(found),
-        goals=goals(found),
+        goals=[*goals(found), *implicit_goals(found.implicit)],
+        implicit=found.implicit,
         median=median,
         learning=learning,
         poses=POSES,
@@ -78,9 +90,12 @@ def render_speed(found: SpeedRecord) -> RenderableType:
     for scene in found.scenes:
         parts.append(_equal_error(scene))
         parts.append(Text(_about(scene), style="dim"))
-    parts += [Text(line, style="green" if fine else "red") for fine, line in goals(found)]
+    told = [*goals(found), *implicit_goals(found.implicit)]
+    parts += [Text(line, style="green" if fine else "red") for fine, line in told]
     parts.append(_scaling(found.scaling))
     parts.append(_methods(found.methods))
+    if found.implicit is not None:
+        parts += _implicit(found.implicit)
     return Lines(*parts)
 
 
@@ -128,8 +143,53 @@ def goals(found: SpeedRecord) -> list[tuple[bool, str]]:
     return sentences
 
 
-def _scaling(found: Sequence[Scaling]) -> RichTable:
-    grid = _grid("Growth")
+def implicit_goals(found: Implicit | None) -> list[tuple[bool, str]]:
+    """For each goal of a skip of implicit hands: whether it is met, and a sentence."""
+    if found is None:
+        return []
+    fast = found.skips[0].seconds
+    return [
+        (
+            one.seconds >= one.goal * fast,
+            f"implicit hand, {one.label}: {_digits(one.seconds / fast, 2)} times the time of all skips, "
+            f"goal {one.goal:g} times; pictures {percent(one.error)} apart",
+        )
+        for one in found.skips
+        if one.goal is not None
+    ]
+
+
+def least(part: Part) -> Measured:
+    """The last point of a part of an implicit hand, which has the least error that was asked for."""
+    return part.points[-1]
+
+
+def _implicit(found: Implicit) -> list[RenderableType]:
+    skips = _grid("Implicit hands: skips of a frame")
+    for title in ("skips", "CPU", "times all skips", "apart from all skips"):
+        skips.add_column(title, justify="left" if title == "skips" else "right")
+    for one in found.skips:
+        times = _digits(one.seconds / found.skips[0].seconds, 2)
+        skips.add_row(one.label, duration(one.seconds), times, percent(one.error))
+    parts = [skips]
+    kinds = (
+        ("Implicit hands: encodings, mean error of a learned distance", found.encodings, "{:.2g} mm"),
+        ("Implicit hands: directions of light, relative RMSE", found.directions, "{:.2%}"),
+    )
+    for title, several, form in kinds:
+        grid = _grid(title)
+        for name in ("part", "errors", "CPU for the last", "error grows as the power"):
+            grid.add_column(name, justify="left" if name in ("part", "errors") else "right")
+        for part in several:
+            errors = "; ".join(f"{p.label} {form.format(p.error)}" for p in part.points)
+            power = "" if part.power is None else f"{part.power:.1f}"
+            grid.add_row(part.name, errors, duration(least(part).seconds), power)
+        parts.append(grid)
+    return [*parts, _scaling(found.scaling, "Implicit hands: growth")]
+
+
+def _scaling(found: Sequence[Scaling], name: str = "Growth") -> RichTable:
+    grid = _grid(name)
     for title in ("time against", "sizes", "time at the least", "time at the most", "exponent"):
         grid.add_column(title, justify="left" if title == "time against" else "right")
     for one in found:

@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 
 from handbench.studies.speed.equal_error import TARGETS, pareto
 from handbench.studies.speed.measure import Trial
-from handbench.studies.speed.record import MethodStudy, Scaling, SceneStudy, SpeedRecord
+from handbench.studies.speed.record import Implicit, MethodStudy, Scaling, SceneStudy, SpeedRecord
 
 COLOURS = {
     "handbench": "#b3471d",
@@ -47,6 +47,49 @@ def figures(found: SpeedRecord, kinds: Sequence[str] = ("png", "pdf")) -> Iterat
         if drawn:
             caption = "Methods: error against their own full picture, against time."
             yield "methods", caption, _images(_methods(drawn), kinds)
+        if found.implicit is not None:
+            caption = "Implicit hands: error of encodings against time, and of gathered light against directions."
+            yield "implicit", caption, _images(_implicit(found.implicit), kinds)
+
+
+def _implicit(found: Implicit) -> Figure:
+    figure = Figure(figsize=(8.6, 4.4), layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, 2))
+    for axes, parts, title in zip(panels, (found.encodings, found.directions), _IMPLICIT, strict=True):
+        for number, part in enumerate(parts):
+            across = [point.seconds if axes is panels[0] else point.size for point in part.points]
+            turn, which = divmod(number, len(_SERIES))
+            look: Any = {"color": _SERIES[which], "marker": "os^Dv*"[which], "ls": ("-", "--")[turn % 2]}
+            axes.plot(across, [point.error for point in part.points], label=part.name, lw=1.4, ms=4.2, **look)
+        axes.set_title(title, loc="left", fontsize=10, fontweight="bold")
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        _frame(axes)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), frameon=False, fontsize=7, ncols=1)
+    panels[0].set_xlabel("CPU of training")
+    panels[0].set_ylabel("Mean error of a distance, mm")
+    panels[0].xaxis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0)))
+    panels[0].xaxis.set_major_formatter(FuncFormatter(lambda value, _: duration(value)))
+    panels[0].yaxis.set_major_locator(LogLocator(10, subs=(1.0, 3.0)))
+    panels[0].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    panels[1].set_xlabel("Directions or lights")
+    panels[1].set_ylabel("Relative RMSE of colours")
+    panels[1].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:.6g} %"))
+    panels[1].set_xticks(*_counts(found))
+    panels[1].xaxis.set_minor_locator(NullLocator())
+    for axes in panels:
+        axes.yaxis.set_minor_formatter(NullFormatter())
+    panels[0].xaxis.set_minor_formatter(NullFormatter())
+    return figure
+
+
+_IMPLICIT = ("Encodings", "Light that is gathered")
+_SERIES = ("#b3471d", "#2f6db0", "#1f8a70", "#7a4fa3", "#c28a1c", "#77736c")
+
+
+def _counts(found: Implicit) -> tuple[list[float], list[str]]:
+    sizes = sorted({point.size for part in found.directions for point in part.points if len(part.points) > 1})
+    return sizes, [f"{size:g}" for size in sizes]
 
 
 def _images(figure: Figure, kinds: Sequence[str]) -> Images:

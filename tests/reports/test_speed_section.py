@@ -11,7 +11,15 @@ import pytest
 from rich.console import Console
 
 from handbench.errors import InputError
-from handbench.reports.speed import cell_text, duration, goals, render_speed, speed_section, write_speed_report
+from handbench.reports.speed import (
+    cell_text,
+    duration,
+    goals,
+    implicit_goals,
+    render_speed,
+    speed_section,
+    write_speed_report,
+)
 from handbench.results.record import Device, Provenance
 from handbench.results.recordfile import sealed
 from handbench.studies.record import SCHEMA
@@ -19,12 +27,16 @@ from handbench.studies.speed.equal_error import TimeAt, table
 from handbench.studies.speed.measure import ErrorCurve, Trial
 from handbench.studies.speed.record import (
     Fit,
+    Implicit,
+    Measured,
     MethodStudy,
+    Part,
     PoseCurve,
     Reference,
     Residual,
     Scaling,
     SceneStudy,
+    Skipped,
     SpeedRecord,
     read,
     write,
@@ -65,7 +77,19 @@ def found() -> SpeedRecord:
     )
     device = Device(cpu="Test CPU", cores=2, threads=2, memory_gb=8.0)
     about = Provenance("0", None, "handbench speed", device=device)
-    return SpeedRecord(True, about, (scene,), GOALS, (scaling,), methods)
+    return SpeedRecord(True, about, (scene,), GOALS, (scaling,), methods, implicit())
+
+
+def implicit() -> Implicit:
+    steps = tuple(Measured(f"{n} steps", n, 8.0 / n, 0.1 * n) for n in (10, 20, 40))
+    skips = (
+        Skipped("all skips", 0.0, 1.0),
+        Skipped("without these four", 0.01, 4.0, 5.0),
+        Skipped("plain", 0.01, 99.0, 10.0),
+    )
+    lights = (Part("sun: strata", steps), Part("sun: distant lights", (Measured("117 lights", 117, 0.002, 0.1),)))
+    growth = Scaling("rays", "Rays", (768, 3072, 12288), ((0.1,), (0.4,), (1.6,)), Fit(1.0, 0.0, 1e-4, 3))
+    return Implicit((Part("grids <dense>", steps),), skips, lights, (growth,))
 
 
 @pytest.fixture
@@ -111,20 +135,20 @@ def test_a_damaged_study_is_a_sentence_with_its_place(folder: Path) -> None:
 
 def test_report_needs_no_other_file(report: Path) -> None:
     page = report.read_text()
-    assert page.count("data:image/png;base64,") == 3
+    assert page.count("data:image/png;base64,") == 4
     assert "http" not in page
     assert "Test CPU" in page
     assert "not reached" in page
     assert "Lambert &lt;sun&gt;" in page
     written = sorted(path.name for path in (report.parent / "figures").iterdir())
-    names = ("error-time-lambert-sun", "methods", "scaling")
+    names = ("error-time-lambert-sun", "implicit", "methods", "scaling")
     assert written == sorted(f"{name}.{kind}" for name in names for kind in ("png", "pdf"))
 
 
 def test_same_study_gives_same_bytes(report: Path, folder: Path) -> None:
     again = write_speed_report(folder).parent
     written = {path.relative_to(again): path.read_bytes() for path in again.rglob("*") if path.is_file()}
-    assert written == {path: (report.parent / path).read_bytes() for path in written} and len(written) == 7
+    assert written == {path: (report.parent / path).read_bytes() for path in written} and len(written) == 9
 
 
 def test_section_is_a_fragment_or_nothing(folder: Path, tmp_path: Path) -> None:
@@ -139,6 +163,27 @@ def test_study_of_a_newer_version_is_refused(folder: Path, found: SpeedRecord) -
     (folder / "speed.json").write_text(json.dumps({**content, "schema": SCHEMA + 1}))
     with pytest.raises(InputError, match="run 'handbench speed' again"):
         speed_section(folder)
+
+
+def test_implicit_hands_have_their_goals_and_tables(folder: Path, found: SpeedRecord) -> None:
+    together, plain = implicit_goals(found.implicit)
+    assert not together[0] and "4 times the time of all skips, goal 5 times" in together[1]
+    assert plain[0] and "99 times" in plain[1]
+    section = speed_section(folder)
+    assert section is not None
+    assert "grids &lt;dense&gt;" in section and "117 lights" in section and "0.2 mm" in section
+    assert found.implicit is not None and found.implicit.directions[0].power == pytest.approx(-1.0)
+    assert found.implicit.directions[1].power is None
+
+
+def test_a_study_without_implicit_hands_is_read(folder: Path, found: SpeedRecord) -> None:
+    write(folder, replace(found, implicit=None))
+    content = json.loads((folder / "speed.json").read_text())
+    del content["implicit"]
+    (folder / "speed.json").write_text(json.dumps(sealed(content)))
+    assert read(folder).implicit is None and implicit_goals(None) == []
+    section = speed_section(folder)
+    assert section is not None and "Implicit hands" not in section
 
 
 def test_goals_are_judged_on_what_was_reached(found: SpeedRecord) -> None:

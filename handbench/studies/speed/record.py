@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import linear_regression
 from typing import Any, Literal
 
 from ...results.record import Provenance
@@ -107,6 +109,52 @@ class MethodStudy:
 
 
 @dataclass(frozen=True)
+class Measured:
+    """One setting of a part of an implicit hand; times are of one core's CPU."""
+
+    label: str = told("the setting")
+    size: float = told("what grows from setting to setting")
+    error: float = told("millimetres of a distance, or relative RMSE of a picture")
+    seconds: float = told("of CPU")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of an implicit hand at several settings."""
+
+    name: str = told("its name for readers")
+    points: tuple[Measured, ...] = told("one a setting")
+
+    @property
+    def power(self) -> float | None:
+        """By which power of the size the error grows, by least squares in log-log; None of a single or exact point."""
+        if len(self.points) < 2 or min(point.error for point in self.points) <= 0.0:
+            return None
+        sizes, errors = ([math.log(getattr(p, name)) for p in self.points] for name in ("size", "error"))
+        return linear_regression(sizes, errors).slope
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A picture of an implicit hand with some skips off."""
+
+    label: str = told("which")
+    error: float = told("relative RMSE from the picture with all skips")
+    seconds: float = told("of CPU")
+    goal: float | None = told("how many times the time of all skips it should take at least", default=None)
+
+
+@dataclass(frozen=True)
+class Implicit:
+    """Implicit hands: what their parts cost and how exact they are."""
+
+    encodings: tuple[Part, ...] = told("mean error of a learned signed distance in millimetres, by steps")
+    skips: tuple[Skipped, ...] = told("all skips first, then with some off")
+    directions: tuple[Part, ...] = told("relative RMSE of light that is gathered, by directions")
+    scaling: tuple[Scaling, ...] = told("how time grows")
+
+
+@dataclass(frozen=True)
 class SpeedRecord:
     """speed.json: error against time."""
 
@@ -116,6 +164,7 @@ class SpeedRecord:
     goals: tuple[Goal, ...] = told("what is wanted")
     scaling: tuple[Scaling, ...] = told("how time grows")
     methods: tuple[MethodStudy, ...] = told("the methods")
+    implicit: Implicit | None = told("implicit hands; null in studies before they were measured", default=None)
 
 
 def write(folder: Path, found: SpeedRecord) -> Path:

@@ -1,4 +1,4 @@
-"""The whole study: scenes, curves, equal-error table, scaling, methods; one record that reports are made from.
+"""The whole study: scenes, curves, equal-error table, scaling, methods, implicit hands; one record for reports.
 
 On the clock of a new pose is all that a new mesh asks for: smooth normals, the ray tracer's tree, what the camera sees,
 shadows, shading, the picture. On that of a known pose is a picture under another map: ours keeps raster and transfer,
@@ -25,6 +25,7 @@ from .competitors import Mitsuba, Naive
 from .configurations import known_pose_sweep, new_pose_sweep
 from .core import Core
 from .equal_error import TARGETS, table
+from .implicit import of_implicit
 from .measure import ErrorCurve, Trial, timed
 from .record import MITSUBA, Goal, Learned, Reference, Residual, SceneStudy, SpeedRecord
 from .scaling import scalings
@@ -62,7 +63,8 @@ def study(chosen: Sequence[str] | None, quick: bool, command: list[str], steps: 
     for done, name in enumerate(names, start=1):
         tried.append(methods.study(name, quick))
         told(done, len(names))
-    return SpeedRecord(quick, about, tuple(drawn), GOALS, grown, tuple(tried))
+    implicit = of_implicit(quick, steps("speed implicit"))
+    return SpeedRecord(quick, about, tuple(drawn), GOALS, grown, tuple(tried), implicit)
 
 
 _AXES = {True: 16, False: 22}
