@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -99,7 +100,7 @@ class PalmModel(nn.Module):
         turns[0] = 0.0
         seen = [self.pose(turns.flatten())]
         if self.shape is not None:
-            neutral = torch.as_tensor(self.hand.neutral(), dtype=torch.float32)
+            neutral = torch.from_numpy(np.asarray(self.hand.neutral(), dtype=np.float32))
             seen.append(self.shape(shape - neutral))
         return Conditions(torch.cat([*seen, codes.geometry]), torch.cat([*seen, codes.appearance]))
 
