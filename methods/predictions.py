@@ -18,11 +18,11 @@ FIDELITY = "predictions from a folder, not run here"
 
 
 class FolderAvatar(RecordedAvatar):
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, suffix: str) -> None:
+        self._folder, self._suffix = folder, suffix
 
     def relight(self, query: Query) -> Prediction:
-        path = picture_path(self._folder, query.key)
+        path = picture_path(self._folder, query.key, self._suffix)
         if not path.exists():
             raise Unsupported("the prediction folder has no picture of this query")
         try:
@@ -32,29 +32,29 @@ class FolderAvatar(RecordedAvatar):
 
 
 class FolderPrior(Prior):
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, suffix: str) -> None:
+        self._folder, self._suffix = folder, suffix
 
     def personalise(self, enrolment: Recording, seed: int = 0, progress: Progress = silent) -> Avatar:
-        return FolderAvatar(self._folder)
+        return FolderAvatar(self._folder, self._suffix)
 
     def save(self, folder: Path) -> None:
         """Nothing is learned, so nothing is written."""
 
 
 class FolderMethod(Method):
-    def __init__(self, folder: Path, info: MethodInfo, config: dict[str, Any]) -> None:
-        self._folder, self.info, self._config = folder, info, config
+    def __init__(self, folder: Path, suffix: str, info: MethodInfo, config: dict[str, Any]) -> None:
+        self._folder, self._suffix, self.info, self._config = folder, suffix, info, config
 
     @property
     def config(self) -> dict[str, Any]:
         return self._config
 
     def train(self, recording: Recording, seed: int = 0, progress: Progress = silent) -> Prior:
-        return FolderPrior(self._folder)
+        return FolderPrior(self._folder, self._suffix)
 
     def load(self, folder: Path) -> Prior:
-        return FolderPrior(self._folder)
+        return FolderPrior(self._folder, self._suffix)
 
 
 def entry_of(found: PredictionFolder, name: str) -> Entry:
@@ -62,11 +62,13 @@ def entry_of(found: PredictionFolder, name: str) -> Entry:
     told = json.dumps(asdict(found.times)) if found.times else ""
     manifest = found.manifest
     settings = {"folder": str(found.path.absolute()), "name": name, "title": manifest.title, "note": manifest.note}
-    settings |= {"times": told, "content": found.digest}
+    settings |= {"times": told, "content": found.digest, "suffix": manifest.suffix}
     return Entry(name, f"{__name__}:create", FIDELITY, tuple(settings.items()), presets=False)
 
 
-def create(preset: str = "quick", *, folder: str, name: str, title: str, note: str, times: str, content: str) -> Method:
+def create(
+    preset: str = "quick", *, folder: str, name: str, title: str, note: str, times: str, content: str, suffix: str
+) -> Method:
     """The method that looks pictures up in a folder; every preset is the same."""
     told = json.loads(times) if times else None
     claim = f"; its authors tell {told['median_ms']:.3g} ms a frame on {told['device']}" if told else ""
@@ -79,4 +81,6 @@ def create(preset: str = "quick", *, folder: str, name: str, title: str, note: s
         fidelity=FIDELITY + claim,
         timed=False,
     )
-    return FolderMethod(Path(folder), info, {"content": content, "note": note, "times told by its authors": told})
+    return FolderMethod(
+        Path(folder), suffix, info, {"content": content, "note": note, "times told by its authors": told}
+    )

@@ -14,6 +14,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from flat import flat_cells
+from PIL import Image
 
 import handbench.methods
 from handbench.bench.protocol import resolve
@@ -26,6 +27,7 @@ from handbench.data.predictions.picture import read_picture
 from handbench.errors import InputError, StorageError
 from handbench.method import Recording
 from handbench.registry import CAPTURES, METHODS
+from handbench.scene.colour import srgb
 
 KEY = "s01/pose-2/front/group-0"  # one of the toy protocol's queries
 
@@ -307,7 +309,10 @@ def test_a_template_overwrites_nothing(protocol, tmp_path):
         ({"capture_digest": "other"}, "capture_digest is 'other', expected 'toy-digest'"),
         ({"version": 2}, "version is 2, this handbench reads 1"),
         ({"format": "pictures"}, "format is 'pictures', expected \"handbench predictions\""),
-        ({"colour": "sRGB"}, "colour is 'sRGB', expected 'linear Rec. 709, premultiplied over black'"),
+        (
+            {"colour": "sRGB"},
+            'colour is \'sRGB\', expected "linear Rec. 709, premultiplied over black" (EXR) or "sRGB, st',
+        ),
         ({"method": "../../etc"}, "method is '../../etc'; use up to 64 letters"),
         ({"method": 3}, "method is 3; give a text"),
         ({"title": " "}, "title is ' '; give a text"),
@@ -504,7 +509,7 @@ def test_names_that_mean_nothing(folder, problems):
     (folder / "s01/pose-2/side/env-park.exr").rename(folder / "s01/pose-2/side/Env-Park.exr")
     lines = problems()
     assert "unexpected (2): these answer no query; remove them, or mend their names" in lines
-    assert "  s01/pose-2/front/group-0.png" in lines
+    assert any(line.startswith("  s01/pose-2/front/group-0.png (where manifest.json says") for line in lines)
     assert "  s01/pose-2/side/Env-Park.exr (did you mean s01/pose-2/side/env-park.exr?)" in lines
     assert "  S01/pose-2/front/group-0.exr beside s01/pose-2/front/group-0.exr" in lines
     assert "missing (1): no picture for these queries; draw them, or score what is there with --allow-missing" in lines
@@ -550,6 +555,35 @@ def test_a_query_cannot_lead_out_of_the_folder(protocol, folder):
     asked = Asked.of(protocol.label, protocol.digest, capture.digest, [evil.query])
     with pytest.raises(InputError, match="would lead out of"):
         read_folder(folder, asked)
+
+
+def as_png(folder: Path) -> None:
+    """The folder's pictures as sRGB with straight alpha."""
+    frames = CAPTURES.load("toy")(size="tiny").frames()
+    for path in [path for path in folder.rglob("*.exr") if "asked" not in path.parts]:
+        seen = read_picture(path, next(frame.camera for frame in frames if frame.key in str(path)))
+        alpha = seen.alpha[..., None]
+        straight = np.divide(seen.image, alpha, out=np.zeros_like(seen.image), where=alpha > 0)
+        shown = np.concatenate([srgb(straight), alpha], axis=-1)
+        Image.fromarray(np.round(255 * shown).astype(np.uint8)).save(path.with_suffix(".png"))
+        path.unlink()
+
+
+def test_png_pictures_are_scored_where_the_manifest_says_what_they_are(protocol, folder, problems, tmp_path):
+    linear = rows(score(protocol, folder, tmp_path / "linear").folder)["theirs"]
+    as_png(folder)
+    told = f"  {KEY}.png (where manifest.json says that colour is 'sRGB, straight alpha' it is read)"
+    assert told in problems()
+    complete(folder, colour="sRGB, straight alpha")
+    shown = rows(score(protocol, folder, tmp_path / "shown").folder)["theirs"]
+    for one, other in zip(linear, shown, strict=True):
+        assert one["query"] == other["query"] and other["value"] == pytest.approx(one["value"], rel=0.02)
+    Image.new("RGB", (4, 4)).save(folder / f"{KEY}.png")
+    (folder / "s01/pose-2/side/group-0.png").write_bytes(b"no picture")
+    with pytest.raises(Unfit) as found:
+        score(protocol, folder, tmp_path / "bad")
+    heads = [line.split(" ", 1)[0] for line in found.value.lines if not line.startswith(" ")]
+    assert heads == ["unreadable", "size"]
 
 
 def test_all_problems_are_told_at_once_and_long_lists_are_cut(folder, problems):

@@ -1,7 +1,7 @@
 """Prediction folders: pictures that a method drew elsewhere, in a strict layout, checked and then scored.
 
     manifest.json                           what the pictures answer, and who drew them
-    SUBJECT/POSE/CAMERA/LIGHTING.exr        one picture a query
+    SUBJECT/POSE/CAMERA/LIGHTING.exr        one picture a query (.png where the manifest says sRGB)
     times.json                              optional: what the authors say drawing took
     README…, LICENSE…                       optional: for people
     asked/                                  optional: what `write_template` put there; never read

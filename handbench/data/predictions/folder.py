@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...scene import Query
-from .manifest import MANIFEST, TIMES, Manifest, Times, read_manifest, read_times
+from .manifest import COLOUR, MANIFEST, SUFFIXES, TIMES, Manifest, Times, read_manifest, read_times
 from .picture import Misfit, read_picture, what_is_not_finite
 from .problems import Problems, Unfit
 
@@ -41,11 +41,11 @@ class PredictionFolder:
     digest: str
 
 
-def picture_path(folder: Path, key: str) -> Path:
+def picture_path(folder: Path, key: str, suffix: str = ".exr") -> Path:
     """Where the picture of a query is; `InputError` for a key that would lead out of the folder."""
     if ".." in Path(key).parts or Path(key).is_absolute():
         raise InputError(f"query {key!r} would lead out of {folder}; the capture must name its frames otherwise")
-    return folder / f"{key}.exr"
+    return folder / f"{key}{suffix}"
 
 
 def read_folder(folder: Path, asked: Asked, allow_missing: bool = False) -> PredictionFolder:
@@ -58,24 +58,25 @@ def read_folder(folder: Path, asked: Asked, allow_missing: bool = False) -> Pred
     problems = Problems()
     manifest = read_manifest(folder, asked.manifest, problems)
     times = read_times(folder, asked.queries, problems)
-    present, linked = _files(folder.resolve(), asked, problems)
+    suffix = SUFFIXES[COLOUR] if manifest is None else manifest.suffix
+    present, linked = _files(folder.resolve(), asked, suffix, problems)
     digest = hashlib.sha256()
     for name in (MANIFEST, TIMES):
         if (folder / name).is_file():
             digest.update((folder / name).read_bytes() + b"\0")
     for key, query in asked.queries.items():
-        path = picture_path(folder, key)
+        path = picture_path(folder, key, suffix)
         if key not in present:
             if key not in linked and not allow_missing:
-                problems.add("missing", f"{key}.exr")
+                problems.add("missing", f"{key}{suffix}")
             continue
         try:
             bad = what_is_not_finite(read_picture(path, query.camera))
         except Misfit as error:
-            problems.add(error.kind, f"{key}.exr {error}")
+            problems.add(error.kind, f"{key}{suffix} {error}")
             continue
         if bad and not allow_missing:
-            problems.add("non-finite", f"{key}.exr: {bad}")
+            problems.add("non-finite", f"{key}{suffix}: {bad}")
         digest.update(f"{key}\0{hashlib.sha256(path.read_bytes()).hexdigest()}\0".encode())
     if not present and not problems:
         problems.add("missing", "there is not one picture")
@@ -84,12 +85,13 @@ def read_folder(folder: Path, asked: Asked, allow_missing: bool = False) -> Pred
     return PredictionFolder(folder, manifest, times, digest.hexdigest())
 
 
-def _files(folder: Path, asked: Asked, problems: Problems) -> tuple[set[str], set[str]]:
+def _files(folder: Path, asked: Asked, suffix: str, problems: Problems) -> tuple[set[str], set[str]]:
     """The queries that have a file, and those whose file is a link that leaves the folder.
 
     Such links, links to folders, and names that mean nothing are problems.
     """
-    wanted = {f"{key}.exr": key for key in asked.queries}
+    wanted = {f"{key}{suffix}": key for key in asked.queries}
+    otherwise = {f"{key}{other}": colour for key in asked.queries for colour, other in SUFFIXES.items()}
     folded = {name.casefold(): name for name in wanted}
     present: set[str] = set()
     linked: set[str] = set()
@@ -112,7 +114,10 @@ def _files(folder: Path, asked: Asked, problems: Problems) -> tuple[set[str], se
         if twin is not None and wanted[twin] in present:
             problems.add("duplicate", f"{name} beside {twin}")
         else:
-            problems.add("unexpected", f"{name} (did you mean {twin}?)" if twin else name)
+            hint = f" (did you mean {twin}?)" if twin else ""
+            if name in otherwise:
+                hint = f" (where manifest.json says that colour is {otherwise[name]!r} it is read)"
+            problems.add("unexpected", name + hint)
     return present, linked
 
 

@@ -17,6 +17,9 @@ from .problems import Problems
 
 FORMAT, VERSION = "handbench predictions", 1
 COLOUR = "linear Rec. 709, premultiplied over black"
+DISPLAYED = "sRGB, straight alpha"
+SUFFIXES = {COLOUR: ".exr", DISPLAYED: ".png"}
+"""Of pictures, by what the manifest says of their colour."""
 MANIFEST, TIMES = "manifest.json", "times.json"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _BYTES = 64 << 20  # no honest file is larger
@@ -32,6 +35,7 @@ class Manifest:
     method, title       a short name for files, and what tables call it
     seed                of the training, for the report
     note                what a reader should know, one line
+    colour              what the values of the pictures are, a key of `SUFFIXES`
     """
 
     protocol: str
@@ -41,10 +45,15 @@ class Manifest:
     title: str = ""
     seed: int = 0
     note: str = ""
+    colour: str = COLOUR
+
+    @property
+    def suffix(self) -> str:
+        return SUFFIXES[self.colour]
 
     def content(self) -> dict[str, Any]:
         """As it stands in the file."""
-        return {"format": FORMAT, "version": VERSION, "colour": COLOUR, **asdict(self)}
+        return {"format": FORMAT, "version": VERSION, "colour": self.colour, **asdict(self)}
 
 
 @dataclass(frozen=True)
@@ -76,7 +85,8 @@ def read_manifest(folder: Path, wanted: Manifest, problems: Problems) -> Manifes
         wrong(f'format is {_shown(content.get("format"))}, expected "{FORMAT}"')
     elif content.get("version") != VERSION:
         wrong(f"version is {_shown(content.get('version'))}, this handbench reads {VERSION}")
-    _same("colour", content, COLOUR, wrong)
+    if content.get("colour") not in SUFFIXES:
+        wrong(f'colour is {_shown(content.get("colour"))}, expected "{COLOUR}" (EXR) or "{DISPLAYED}" (PNG)')
     _same("protocol", content, wanted.protocol, wrong)
     _same("capture_digest", content, wanted.capture_digest, wrong)
     if content.get("protocol") == wanted.protocol:  # another protocol has another digest anyway

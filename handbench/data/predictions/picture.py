@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from ...errors import InputError
 from ...scene import Array, Camera, Prediction
+from .. import pictures
 from ..exr import not_finite
 from ..exrheader import opened, read_parts
 from ..pictures import clamped_alpha
@@ -27,10 +29,14 @@ class Misfit(InputError):
 
 
 def read_picture(path: Path, camera: Camera) -> Prediction:
-    """The prediction in an EXR file. Raises `Misfit` for the first thing that is wrong; NaN is passed on.
+    """The prediction in an EXR file, or in a PNG file of sRGB values and straight alpha.
+
+    Raises `Misfit` for the first thing that is wrong; NaN is passed on.
 
     The size is looked at before any pixel is read, so that no file makes us hold more than a camera's picture.
     """
+    if path.suffix == ".png":
+        return _displayed(path, camera)
     channels = _channels(path, camera)
     if set(channels) not in _ALLOWED:
         raise Misfit("channels", f"has {', '.join(sorted(channels)) or 'none'}")
@@ -46,6 +52,25 @@ def read_picture(path: Path, camera: Camera) -> Prediction:
     depth = channels[_DEPTH[0]].astype(np.float32) if _DEPTH[0] in channels else None
     normal = _stacked(channels, _NORMAL) if _NORMAL[0] in channels else None
     return Prediction(_stacked(channels, _COLOUR[:3]), alpha, depth=depth, normal=normal)
+
+
+def _displayed(path: Path, camera: Camera) -> Prediction:
+    """The prediction in a PNG file."""
+    wanted = camera.width, camera.height
+    try:
+        with Image.open(path) as file:
+            size = file.size
+    except (OSError, ValueError, Image.DecompressionBombError) as error:
+        raise Misfit("unreadable", f"cannot be read ({error})") from error
+    if size != wanted:
+        raise Misfit("size", f"is {size[0]}x{size[1]}, its camera says {wanted[0]}x{wanted[1]}")
+    try:
+        picture = pictures.read_picture(path, pictures.Stated(encoding="srgb", alpha="straight"))
+    except InputError as error:
+        raise Misfit("unreadable", f"cannot be read ({str(error).removeprefix(f'picture {path} ')})") from error
+    if picture.alpha is None:
+        raise Misfit("channels", "has no alpha")
+    return Prediction(picture.image, picture.alpha)
 
 
 def what_is_not_finite(prediction: Prediction) -> str | None:

@@ -14,10 +14,11 @@ KINDS = {
     "unexpected": "these answer no query; remove them, or mend their names",
     "duplicate": "these stand for a query that has a picture already; remove one of the two",
     "link": "links that lead to a folder or out of this one are not followed; copy what they point to",
-    "unreadable": "these are no whole OpenEXR pictures; write them again",
-    "channels": "a picture has the float channels R, G, B, A, and may have depth.Z and normal.X, normal.Y, normal.Z",
+    "unreadable": "these are no whole pictures; write them again",
+    "channels": "a picture has red, green, blue and alpha; EXR has float channels R, G, B, A, and may have depth.Z and "
+    "normal.X, normal.Y, normal.Z",
     "size": "a picture has the size of its camera",
-    "colour": "pictures are linear with Rec. 709 primaries, alpha is in [0, 1]",
+    "colour": "EXR pictures are linear with Rec. 709 primaries, alpha is in [0, 1]",
     "non-finite": "NaN or infinite values; draw these again, or have them told as missing with --allow-missing",
 }
 
