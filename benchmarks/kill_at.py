@@ -16,6 +16,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -25,13 +26,15 @@ import handbench.bench.store as store
 import handbench.methods.kit.checkpoint as checkpoint
 import handbench.methods.kit.engine as engine
 import handbench.reports.write as write
+from handbench.bench.plan import make_plan
+from handbench.bench.run import find_protocol
 from handbench.cli import main
 from handbench.data.openstage.capture import OpenCapture
 
 Strike: TypeAlias = Callable[[int], None]
 PRELOADED = (
     *("torch._dynamo", "handbench.bench.cell", "handbench.methods.mean", "handbench.methods.urhand"),
-    *("handbench.reports.page", "handbench.reports.curves", "handbench.metrics.ssim", "scipy.stats"),
+    *("handbench.reports.page", "handbench.reports.curves", "handbench.metrics.ssim", "scipy.stats", "open3d", "jax"),
 )
 
 
@@ -140,6 +143,8 @@ def born(folder: str, moment: str, count: int, arguments: list[str]) -> int:
 if __name__ == "__main__":
     for name in PRELOADED:
         importlib.import_module(name)
+    make_plan(find_protocol("smoke"), "")  # what modules hold is remembered
+    warnings.filterwarnings("ignore", r"os\.fork\(\) was called", RuntimeWarning)  # of JAX, which has no thread yet
     threads = len(list(Path("/proc/self/task").iterdir()))
     assert threads == 1, f"{threads} threads: a forked process would lack {threads - 1} of them"
     answers = os.fdopen(os.dup(1), "w")

@@ -33,7 +33,7 @@ def kills() -> Iterator[ModuleType]:
 
 @pytest.fixture(scope="module")
 def runs(kills: ModuleType) -> Iterator[Any]:
-    with kills.Runs() as started:
+    with kills.Runs((*kills.RUN, "--set", "urhand:steps=16")) as started:
         yield started
 
 

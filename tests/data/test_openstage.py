@@ -7,6 +7,7 @@ import os
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from handbench.data.openstage.make import make
 from handbench.data.openstage.performance import TRACKING_NOISE, smooth_noise
 from handbench.data.openstage.plans import production
 from handbench.data.openstage.presets import GENERATOR_VERSION
+from handbench.data.openstage.production import Production
 from handbench.data.openstage.stage import ENVIRONMENT_IRRADIANCE, lightings
 from handbench.errors import BadFrame, InputError, StorageError
 from handbench.hand.openhand import OpenHand
@@ -34,6 +36,12 @@ TINY = replace(
     STAGES["mini"], subjects=1, train_poses=1, held_out_poses=0, lights=4, held_out_lights=1, environments=("hall",)
 )
 TINY = replace(TINY, height=32, width=24, spp=48, truth_level=1, skin_size=128)
+
+
+@cache
+def plan() -> Production:
+    """What is made of it, which takes longer to decide than to draw."""
+    return production(TINY)
 
 
 @pytest.fixture(scope="module")
@@ -131,12 +139,12 @@ def test_generation_resumes_after_a_kill_and_costs_nothing_twice(tmp_path: Path)
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        make(production(TINY), folder, killed)
+        make(plan(), folder, killed)
     assert not (folder / "capture.json").exists()
     first = folder / "s01" / "pose-0" / "dorsal" / "geometry.exr"
     stamp = first.stat().st_mtime_ns
     assert not (folder / "s01" / "pose-0" / "palmar").exists()
-    make(production(TINY), folder)
+    make(plan(), folder)
     assert first.stat().st_mtime_ns == stamp
     capture = OpenCapture(folder)
     assert len(capture.frames()) == 2 * (4 + 1 + 1 + 1)
@@ -146,8 +154,8 @@ def test_generation_resumes_after_a_kill_and_costs_nothing_twice(tmp_path: Path)
 
 def test_generation_repeats(tmp_path: Path) -> None:
     one, two = tmp_path / "one", tmp_path / "two"
-    make(production(TINY), one)
-    make(production(TINY), two)
+    make(plan(), one)
+    make(plan(), two)
     files = sorted(path.relative_to(one) for path in one.rglob("*") if path.is_file())
     assert files == sorted(path.relative_to(two) for path in two.rglob("*") if path.is_file())
     first, second = (OpenCapture(folder) for folder in (one, two))
@@ -159,13 +167,13 @@ def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None
     blocked = tmp_path / "file"
     blocked.write_text("")
     with pytest.raises(StorageError, match="cannot be written"):
-        make(production(TINY), blocked / "capture")
+        make(plan(), blocked / "capture")
 
 
 def test_a_full_disk_is_refused_before_work_starts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10, 10, 0))
     with pytest.raises(StorageError, match=r"0\.00 GB free"):
-        make(production(TINY), tmp_path)
+        make(plan(), tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -224,12 +232,12 @@ def test_a_lost_file_is_made_again_and_nothing_else(tmp_path: Path, monkeypatch:
 
 def test_making_again_does_not_vouch_for_a_picture_that_was_changed(tmp_path: Path) -> None:
     folder = tmp_path / "capture"
-    make(production(TINY), folder)
+    make(plan(), folder)
     assert OpenCapture(folder).digest == TINY.recipe
     name = "s01/pose-0/dorsal/olat-00"
     write_exr(folder / f"{name}.exr", rgb(np.full((32, 24, 3), 0.5)))
     (folder / "s01/pose-0/palmar/olat-01.exr").unlink()
-    make(production(TINY), folder)
+    make(plan(), folder)
     capture = OpenCapture(folder)
     with pytest.raises(BadFrame, match=rf"{name}: .*not what was generated"):
         read(capture, next(frame for frame in capture.frames() if frame.key == name))
@@ -325,7 +333,7 @@ def test_what_a_killed_generation_left_half_written_goes(tmp_path: Path) -> None
     for part in (old, new):
         part.write_text("half")
     os.utime(old, (0, 0))
-    make(production(TINY), tmp_path)
+    make(plan(), tmp_path)
     assert not old.exists() and new.exists()
 
 
