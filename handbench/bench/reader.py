@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..data.capture import Capture, by_key, read
 from ..errors import BadFrame, StorageError
-from ..scene import Frame, Observation
+from ..scene import Frame, Mesh, Observation
 from .failure import Failure, failure
 from .lending import copied
 
@@ -28,6 +28,10 @@ class CaptureReader:
         except BadFrame as error:
             self._error = error
             raise
+
+    def surface(self, frame: Frame) -> Mesh | None:
+        """The mesh that geometry is scored with: the tracked one, else the true one if the capture knows it."""
+        return self._capture.truth(self._frames.get(frame.key, frame)).mesh if frame.mesh is None else frame.mesh
 
     def caused(self, error: BaseException) -> BadFrame | None:
         """The bad frame that an error comes from, also if a method or another process wrapped it."""

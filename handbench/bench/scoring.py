@@ -74,7 +74,7 @@ class Scoring:
             return None
         if (median := median_of_hand(truth)) is not None:
             self._medians[frame.key] = median
-        return self._module.Pair.of(picture, truth, frame.mesh)
+        return self._module.Pair.of(picture, truth, self._reader.surface(frame))
 
     def frames(self, scored: Sequence[tuple[str, Frame]]) -> tuple[ScoredFrame, ...]:
         """The frames of columns with their values; each was scored, or is missing."""

@@ -25,6 +25,7 @@ from handbench.scene import LIGHT_KINDS, Baked, Camera, Light, Mesh, Pose, Predi
 
 from ..kit.albedo import Canvas, flat
 from ..kit.enrolled import Enrolled
+from ..kit.fittedhand import PosedFitted
 from ..kit.untaught import Untaught
 from ..kit.weights import load_state, save_state
 from .config import HandyConfig, Reflectance
@@ -90,7 +91,9 @@ class HandyAvatar(Avatar):
         self.albedo, self.exposure, self.hand = albedo, exposure, hand
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
-        return PosedHandy(self, self._mesh(viewpoint), viewpoint.camera)
+        mesh = self._mesh(viewpoint)
+        posed = PosedHandy(self, mesh, viewpoint.camera)
+        return posed if self.hand is None else PosedFitted(posed, mesh)
 
     def _mesh(self, viewpoint: Viewpoint) -> Mesh:
         if self.hand is None:

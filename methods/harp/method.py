@@ -20,6 +20,7 @@ from handbench.scene import LIGHT_KINDS, Baked, Camera, Light, Mesh, Pose, Predi
 from ..kit.albedo import Canvas, flat
 from ..kit.colourspace import to_linear
 from ..kit.enrolled import enrolled
+from ..kit.fittedhand import PosedFitted
 from ..kit.untaught import Untaught
 from ..kit.weights import as_tensor, as_text, check_shapes, load_state, save_state
 from .config import HarpConfig
@@ -86,7 +87,8 @@ class HarpAvatar(Avatar):
         self.look, self._found = look, found
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
-        return PosedHarp(self.look, self.look.mesh(needed(viewpoint.pose, "pose")), viewpoint.camera)
+        mesh = self.look.mesh(needed(viewpoint.pose, "pose"))
+        return PosedFitted(PosedHarp(self.look, mesh, viewpoint.camera), mesh)
 
     @property
     def found(self) -> Mapping[str, Pose]:

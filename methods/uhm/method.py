@@ -18,6 +18,7 @@ from handbench.scene import LIGHT_KINDS, Baked, Camera, Light, Mesh, Pose, Predi
 from ..kit.albedo import Canvas
 from ..kit.colourspace import to_linear
 from ..kit.enrolled import Enrolled, enrolled
+from ..kit.fittedhand import PosedFitted
 from ..kit.untaught import Untaught
 from ..kit.weights import as_tensor, as_text, check_shapes, load_state, save_state
 from .adaptation import Adapted, adapted
@@ -73,7 +74,8 @@ class UhmAvatar(Avatar):
         return Shadowing(self.person.shadows, self.person.normals, self.person.seen)
 
     def pose(self, viewpoint: Viewpoint) -> PosedAvatar:
-        return PosedUhm(self, self.person.mesh(needed(viewpoint.pose, "pose")), viewpoint.camera)
+        mesh = self.person.mesh(needed(viewpoint.pose, "pose"))
+        return PosedFitted(PosedUhm(self, mesh, viewpoint.camera), mesh)
 
     @property
     def found(self) -> dict[str, Pose]:

@@ -13,6 +13,9 @@ import torch
 from othercamera import check_seen_by
 from shadedtracer import Shaded
 
+from handbench import metrics
+from handbench.bench.reader import CaptureReader
+from handbench.bench.scoring import Scoring
 from handbench.data.capture import Capture
 from handbench.data.openstage import make as module
 from handbench.data.openstage.capture import OpenCapture
@@ -40,6 +43,7 @@ from handbench.methods.uhm import method as uhm_method
 from handbench.methods.uhm.adaptation import adapted
 from handbench.methods.uhm.config import PRESETS as UHM
 from handbench.methods.uhm.shading import Shadowing
+from handbench.metrics import metric
 from handbench.recording import Recording
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.atlas import Atlas
@@ -112,6 +116,21 @@ def test_later_frames_in_the_enrolled_light_are_nearer_than_the_mean_colour(
         found = avatars[name].relight(asked(frame))
         assert overlap(found.alpha, truth.alpha) > 0.9
         assert decibels(found.image, truth.image) > decibels(found.alpha[..., None] * mean, truth.image) + 1.5
+
+
+@pytest.mark.parametrize("name", ["harp", "uhm"])
+def test_what_the_fit_found_of_the_hand_is_scored_against_the_true_hand(
+    name: str, wild: Capture, avatars: dict[str, Avatar]
+) -> None:
+    frames = [frame for frame in wild.frames() if frame.segment == "later"]
+    reader = CaptureReader(wild)
+    scoring = Scoring(reader, {"surface-mean": metric("surface-mean")}, metrics)
+    scoring.score((frame, avatars[name].relight(asked(frame))) for frame in frames)
+    values = [scored.values[0] for scored in scoring.frames([("later", frame) for frame in frames])]
+    assert frames[0].mesh is None and all(value is not None and 0.05 < value < 6.0 for value in values), values  # mm
+    for frame in frames:
+        true = reader.surface(frame)
+        assert true is not None and np.array_equal(true.vertices, wild.truth(frame).mesh.vertices)  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("name", ["harp", "uhm"])
