@@ -115,7 +115,16 @@ _ODD += (
 )
 _ODD += ("\udcff", "$(x)", "meta", "quick", "physical", "mano-right", "openhand", "absent.npz", "absent.json", "٣")
 _RELIGHT = ("relight", "AVATAR", "--size", "24x32", "--out")
+_SOUND: tuple[tuple[str, ...], ...] = (
+    (*_RELIGHT, "o.png", "--light", "hall"),
+    ("export", "AVATAR", "--out", "x.glb"),
+    ("hand", "poses", "POSES", "--to", "mano-right", "--flat-hand-mean", "no", "--out", "x.npz"),
+    ("data", "check", "MINE", "--frames", "1", "--out", "s.png"),
+)
+"""These are answered, unless an odd word is put in."""
+
 _COMMANDS: tuple[tuple[str, ...], ...] = (
+    *_SOUND,
     ("personalise", "?", "--from", "MINE", "--out", "x.avatar"),
     ("personalise", "physical", "--from", "?", "--out", "x.avatar"),
     ("personalise", "physical", "--from", "MINE", "--prior", "?", "--out", "x.avatar"),

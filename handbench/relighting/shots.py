@@ -169,7 +169,7 @@ class Shots:
         first = self.postures[0]
         if wish.cameras:
             low, part = _parted(self._along(place, len(wish.cameras) - 1))
-            camera = wish.cameras[low] if part == 0.0 else moved(*wish.cameras[low : low + 2], part)
+            camera = wish.cameras[low] if part == 0.0 else moved(wish.cameras[low], wish.cameras[low + 1], part)
         else:
             camera = shown.camera(wish.camera) if wish.camera else shown.camera_of(first.name)
         if wish.size is not None:

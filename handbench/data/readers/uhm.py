@@ -72,7 +72,8 @@ class Uhm(Capture):
 
     @property
     def offers(self) -> frozenset[Need]:
-        return super().offers | {"keypoints"} | ({"depth"} if self._deep else set())
+        found: frozenset[Need] = frozenset({"keypoints", "depth"} if self._deep else {"keypoints"})
+        return super().offers | found
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -112,8 +113,8 @@ class Uhm(Capture):
                 shape = scan.fit(moment)["shape"]
                 pose = Pose.unread(partial(_pose, self._hand, scan, moment, camera))
                 mesh = posed(self._hand, shape, pose)
-            about = (light, moment.segment, "environment", shape, place)
-            yield Frame(scan.subject, name, light.name, pose, mesh, camera, *about)
+            who = (scan.subject, name, light.name, pose, mesh, camera, light, moment.segment)
+            yield Frame(*who, "environment", shape, place)
 
 
 def _scans(folder: Path) -> list[Scan]:
