@@ -14,6 +14,7 @@ refused by name where it is not.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -129,21 +130,26 @@ def clamped_alpha(alpha: Array, what: str) -> Array:
 
 
 def folder_of(path: Path) -> dict[str, Path]:
-    """The pictures of a folder by name without suffix, in the order of the names; other and hidden files are left out.
+    """The pictures of a folder and the folders in it, by path without suffix, in the order of the paths.
+
+    Other and hidden files, hidden folders and links to folders are left out.
 
     Raises `InputError` for a folder that is missing or has none, or two of one name.
     """
     if not path.is_dir():
         raise InputError(f"folder {path} does not exist; give a picture, or a folder of pictures")
     found: dict[str, Path] = {}
-    for file in sorted(path.iterdir()):
-        if file.suffix.lower() in SUFFIXES and not file.name.startswith("."):
-            if file.stem in found:
-                raise InputError(f"folder {path} has {found[file.stem].name} and {file.name}; keep one of them")
-            found[file.stem] = file
+    for parent, folders, names in os.walk(path):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for file in (Path(parent) / name for name in sorted(names)):
+            if file.suffix.lower() in SUFFIXES and not file.name.startswith("."):
+                name = file.relative_to(path).with_suffix("").as_posix()
+                if name in found:
+                    raise InputError(f"folder {path} has {found[name].name} and {file.name}; keep one of them")
+                found[name] = file
     if not found:
         raise InputError(f"folder {path} holds no pictures; expected files ending in {', '.join(SUFFIXES)}")
-    return found
+    return dict(sorted(found.items()))
 
 
 def matched(folders: Mapping[str, Mapping[str, Path]]) -> list[str]:
