@@ -23,7 +23,7 @@ from .scene import Array
 from .settings import Setting
 
 if TYPE_CHECKING:
-    from .bench.run import Outcome
+    from .bench.run import RunSummary
     from .reports.model import Table
     from .results.reading import Run
 
@@ -94,7 +94,7 @@ class Results:
     """
 
     folders: tuple[Path, ...]
-    outcome: Outcome | None = None
+    outcome: RunSummary | None = None
 
     @cached_property
     def runs(self) -> tuple[Run, ...]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from handbench.scene import Array
 
-from .frames import KINDS, Answer, View, answers
+from .frames import KINDS, Answer, Framing, answers
 from .run import Run
 from .truth import truth_of
 
@@ -133,7 +133,7 @@ def _panel(
     alpha: Array,
     square: Square | None,
 ) -> Panel:
-    view = View.of(image, alpha)
+    view = Framing.of(image, alpha)
     shown = view(image)
     tiles = [
         _tile(method.title, given.get(method.name, {}).get(query), run, query, view, shown)
@@ -144,7 +144,7 @@ def _panel(
     return Panel(query, kind, view.exposure, shown, tuple(tiles), moved)
 
 
-def _tile(title: str, answer: Answer | None, run: Run, query: str, view: View, truth: Array) -> Tile:
+def _tile(title: str, answer: Answer | None, run: Run, query: str, view: Framing, truth: Array) -> Tile:
     if answer is None:
         return Tile(title, None, None, None, "not computed")
     score = answer.value(run.plan.protocol.metrics[0].signature)

@@ -66,7 +66,7 @@ def answers(run: Run) -> dict[str, dict[str, Answer]]:
 
 
 @dataclass(frozen=True)
-class View:
+class Framing:
     """Where to look in a frame, and how brightly: a box in pixels of the image's own proportions, and a factor.
 
     What lies outside the image is black.
@@ -79,17 +79,17 @@ class View:
     exposure: float
 
     @staticmethod
-    def of(image: Array, alpha: Array) -> View:
+    def of(image: Array, alpha: Array) -> Framing:
         """The view that suits a linear picture (H, W, 3) with alpha (H, W): the truth's serves all methods."""
         bright = np.percentile(image[alpha > 0.5], 99) if (alpha > 0.5).any() else 1.0
         exposure = float(EXPOSED / max(bright, 1e-6))
         rows, columns = np.nonzero(alpha > 0.01)
         if not len(rows):
-            return View(0, 0, alpha.shape[0], alpha.shape[1], exposure)
+            return Framing(0, 0, alpha.shape[0], alpha.shape[1], exposure)
         top, bottom, left, right = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
         share = max((bottom - top) / alpha.shape[0], (right - left) / alpha.shape[1]) * (1 + 2 * MARGIN)
         height, width = (int(np.ceil(share * side)) for side in alpha.shape)
-        return View(int(top + bottom - height) // 2, int(left + right - width) // 2, height, width, exposure)
+        return Framing(int(top + bottom - height) // 2, int(left + right - width) // 2, height, width, exposure)
 
     def __call__(self, image: Array) -> Array:
         """What is shown of a linear picture: (height, width, 3) in sRGB, in [0, 1]."""

@@ -1,6 +1,6 @@
 """The data of the page's viewer: every scored frame, as the truth and as each method drew it, with the scores.
 
-All pictures of a frame are cut and exposed alike (`frames.View`), as WebP. A page stays small: with many pixels to
+All pictures of a frame are cut and exposed alike (`frames.Framing`), as WebP. A page stays small: with many pixels to
 show, each column gives the same number of frames, spread evenly over its own order.
 """
 
@@ -21,7 +21,7 @@ from handbench.files import read_bytes
 from handbench.scene import Array
 
 from .figures import ERROR_SCALE
-from .frames import KINDS, Answer, View, answers
+from .frames import KINDS, Answer, Framing, answers
 from .model import Table
 from .pictures import KNEE, STOPS, beyond_white, palette, webp
 from .printed import number
@@ -140,7 +140,7 @@ def _frame(
     shown = truth or next(((image, image.max(axis=-1) > 0) for image, _ in drawn if image is not None), None)
     if shown is None:
         return None
-    view = View.of(*shown)
+    view = Framing.of(*shown)
     return {
         "subject": subject,
         "pose": pose,
@@ -159,7 +159,7 @@ def _frame(
     }
 
 
-def _pictures(view: View, drawn: Sequence[tuple[Array | None, str]]) -> Iterator[str | None]:
+def _pictures(view: Framing, drawn: Sequence[tuple[Array | None, str]]) -> Iterator[str | None]:
     for picture, _ in drawn:
         yield None if picture is None else webp(beyond_white(view.linear(picture)), SIDE)
 

@@ -16,7 +16,7 @@ import handbench.methods
 import handbench.reports
 from handbench import registry
 from handbench.bench import check, run
-from handbench.bench.run import Outcome
+from handbench.bench.run import RunSummary
 from handbench.cli import main
 from handbench.errors import InputError
 from handbench.registry import CAPTURES, METHODS, Entry
@@ -144,9 +144,9 @@ def test_targets_are_looked_at_before_the_work(capsys, tmp_path, monkeypatch):
 def test_run_writes_the_report_and_says_where(monkeypatch, capsys, tmp_path, crashed, code):
     given = []
 
-    def fake(*arguments: object, **named: object) -> Outcome:
+    def fake(*arguments: object, **named: object) -> RunSummary:
         given.append(arguments)
-        return Outcome(tmp_path, 3, 2, crashed)
+        return RunSummary(tmp_path, 3, 2, crashed)
 
     monkeypatch.setattr(run, "run", fake)
     monkeypatch.setattr(handbench.reports, "write_reports", lambda folder, table: {"index.html": folder / "index.html"})

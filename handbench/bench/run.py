@@ -27,7 +27,7 @@ EXECUTORS = ("local", "ray")
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunSummary:
     """What a run did.
 
     `computed` and `reused` count cells, of the shard if it was one, and `taken` those of the reused that came from
@@ -72,7 +72,7 @@ def run(
     cpus: int | None = None,
     settings: Sequence[Setting] = (),
     reuse: Sequence[Path] = (),
-) -> Outcome:
+) -> RunSummary:
     """Compute the missing cells of a protocol into `out` (default: see `run_folder`) and say what was done.
 
     A finished cell is never computed again while nothing that decides it changed; a cell whose method crashed is
@@ -126,7 +126,7 @@ def run(
 
 def _outcome(
     folder: Path, store: Store, plan: Plan, cells: Sequence[Cell], tried: Sequence[Cell], done: Done
-) -> Outcome:
+) -> RunSummary:
     crashed = []
     for cell in tried:
         found = store.cell(cell.key)
@@ -136,7 +136,7 @@ def _outcome(
     elsewhere = set(plan.cells) - set(cells)
     missing = [cell.label for cell in plan.cells if cell in elsewhere and store.cell(cell.key) is None]
     reused = len(cells) - done.computed - len(done.lost)
-    return Outcome(folder, done.computed, reused, tuple(crashed), tuple(missing))
+    return RunSummary(folder, done.computed, reused, tuple(crashed), tuple(missing))
 
 
 def _check_executor(name: str, cpus: int | None) -> None:

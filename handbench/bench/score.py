@@ -17,7 +17,7 @@ from .opening import open_data, select
 from .plan import make_method, method_entries
 from .progress import Steps, steps
 from .protocol import Protocol, Selected
-from .run import Outcome, run
+from .run import RunSummary, run
 
 # Whoever draws elsewhere is told what any method is: [train] as a whole shows a subject's training frames too.
 _ANY = MethodInfo("elsewhere", "Elsewhere", "draws its pictures elsewhere", universal=True)
@@ -31,7 +31,7 @@ def score(
     name: str | None = None,
     allow_missing: bool = False,
     command: Iterable[str] = (),
-) -> Outcome:
+) -> RunSummary:
     """Score a prediction folder beside the protocol's calibration rows, into `out` (default: runs/PROTOCOL-NAME, and
     what was narrowed).
 

@@ -12,7 +12,7 @@ from ..terminal import say
 
 if TYPE_CHECKING:
     from ..bench.protocol import Protocol
-    from ..bench.run import Outcome
+    from ..bench.run import RunSummary
     from ..registry import Entry
     from ..settings import Setting
 
@@ -91,7 +91,7 @@ def report(folder: Path, quiet: bool = False) -> Path:
     return page
 
 
-def outcome_json(outcome: Outcome, page: Path | None) -> dict[str, Any]:
+def outcome_json(outcome: RunSummary, page: Path | None) -> dict[str, Any]:
     """What a run did, as JSON values."""
     told = {"folder": str(outcome.folder), "report": None if page is None else str(page)}
     lists = {name: list(getattr(outcome, name)) for name in ("crashed", "missing", "refused")}

@@ -30,7 +30,7 @@ class HandyConfig:
                     each channel ("colour")
     steps, rate     of Adam; the rate falls from the first value to the second
     frames, batch   how many pictures are looked at, and how many at each step
-    side            pixels of a close-up's longer side
+    side            pixels of a crop's longer side
     features        weight of the perceptual distance of a patch beside the mean absolute difference of display values
     gloss           roughness of "ggx"; the highlights of "phong" are as bright
     level           of the fitted hand's subdivision, where no tracked mesh is given

@@ -1,4 +1,4 @@
-"""What an inversion looks at: close-ups of a posed hand, and how its texture is drawn in them."""
+"""What an inversion looks at: crops of a posed hand, and how its texture is drawn in them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Camera, Light, Mesh, Observation, Unknown, leaves, needed
 from handbench.scene.colour import srgb
 
-from ..kit.closeup import CloseUp
+from ..kit.crop import Crop
 from ..kit.enrolled import Enrolled, enrolled
 from ..kit.shading import Shading
 from .config import HandyConfig
@@ -34,7 +34,7 @@ _ROUNDING = 1e-5  # of UVs in files
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A close-up: its display values (3, h, w), where they are compared, inside (h, w) bool, and the hand's raster.
+    """A crop: its display values (3, h, w), where they are compared, inside (h, w) bool, and the hand's raster.
 
     diffuse (3, R, R): the irradiance over pi, and specular (3, h, w): what the surface mirrors of the light, both of
     the light that is told; None where it is not, or is not to be used.
@@ -94,8 +94,8 @@ def sitting(enrolment: Recording, config: HandyConfig, lobe: Lobe, progress: Pro
         if id(mesh) not in surfaces:
             surfaces[id(mesh)] = PosedSurface(mesh, SIZE)
         surface = surfaces[id(mesh)]
-        close = CloseUp.of(camera, seen.image, needed(seen.alpha, "alpha"), config.side)
-        shots.append(_shot(close, surface, light, config, lobe))
+        crop = Crop.of(camera, seen.image, needed(seen.alpha, "alpha"), config.side)
+        shots.append(_shot(crop, surface, light, config, lobe))
     showing = tuple(shot for shot in shots if shot.inside.any())
     if not showing:
         raise Unsupported(
@@ -124,14 +124,14 @@ def _tracked(recording: Recording, most: int) -> Iterator[tuple[Camera, Observat
         yield frames[i].camera, recording.observe(frames[i]), frames[i].light, needed(frames[i].mesh, "mesh")
 
 
-def _shot(close: CloseUp, surface: PosedSurface, light: Light, config: HandyConfig, lobe: Lobe) -> Shot:
-    raster = rasterise(surface.mesh, close.camera, _SUPERSAMPLE)
-    image = torch.from_numpy(np.moveaxis(srgb(close.image), -1, 0).copy())
-    inside = torch.from_numpy(close.inner(_EATEN) & (raster.alpha > 0.99))
+def _shot(crop: Crop, surface: PosedSurface, light: Light, config: HandyConfig, lobe: Lobe) -> Shot:
+    raster = rasterise(surface.mesh, crop.camera, _SUPERSAMPLE)
+    image = torch.from_numpy(np.moveaxis(srgb(crop.image), -1, 0).copy())
+    inside = torch.from_numpy(crop.inner(_EATEN) & (raster.alpha > 0.99))
     if not config.lit or any(isinstance(leaf, Unknown) for leaf in leaves(light)):
         return Shot(image, inside, raster)
     lights = light_samples(light, environment_error=config.environment_error)
-    diffuse, specular = Shading(surface, close.camera.centre).features(lights, lobe.roughness, lobe.model)
+    diffuse, specular = Shading(surface, crop.camera.centre).features(lights, lobe.roughness, lobe.model)
     atlas = surface.atlas
     diffuse, specular = (atlas.dilate(atlas.scatter(part)) for part in (diffuse / math.pi, lobe.strength * specular))
     return Shot(image, inside, raster, diffuse, raster.sample(specular))

@@ -28,7 +28,7 @@ class Weights:
 class HarpConfig:
     """The settings of a personalisation, and of how its result is relit.
 
-    frames      enrolled pictures that are looked at, spread evenly; side: pixels of a close-up's longer side
+    frames      enrolled pictures that are looked at, spread evenly; side: pixels of a crop's longer side
     supersample rays along a pixel's side: one would leave many texels to the smoothness alone
     level       of the hand's subdivision, once as in the paper
     texture     side of albedo and normal map in texels

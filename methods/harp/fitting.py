@@ -22,8 +22,8 @@ from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.unwrap import TexelSurface
 from handbench.scene import Array, Mesh
 
-from ..kit.closeup import CloseUp
 from ..kit.colourspace import to_display
+from ..kit.crop import Crop
 from ..kit.enrolled import Enrolled
 from ..kit.perceptual import patch, perceptual_loss
 from . import losses
@@ -60,9 +60,9 @@ class _Fit:
         )
         self.pictures = []
         for seen in enrolled.pictures:
-            close = CloseUp.of(seen.camera, seen.observation.image, seen.observation.alpha, config.side)  # type: ignore[arg-type]
+            crop = Crop.of(seen.camera, seen.observation.image, seen.observation.alpha, config.side)  # type: ignore[arg-type]
             pose = (seen.pose.joints.copy(), seen.pose.rotation.copy(), seen.pose.translation.copy())
-            self.pictures.append(Picture(close, pose, config))
+            self.pictures.append(Picture(crop, pose, config))
         size = config.texture
         self._atlas = Atlas.of(self.surface.topology, size)
         self.used = torch.from_numpy(self._atlas.covered)
@@ -70,7 +70,7 @@ class _Fit:
         self.offset = torch.zeros(self.surface.count, requires_grad=True)
         self.albedo = torch.tensor(SKIN)[:, None, None].repeat(1, size, size).requires_grad_()
         self.normal_map = torch.tensor([0.0, 0.0, 1.0])[:, None, None].repeat(1, size, size).requires_grad_()
-        camera = self.pictures[0].close.camera
+        camera = self.pictures[0].crop.camera
         middle = np.mean([picture.translation.detach().numpy() for picture in self.pictures], axis=0)
         self.light = torch.tensor(middle + np.array(LIGHT) @ camera.rotation).float().requires_grad_()
         self.ambient = torch.tensor(AMBIENT, requires_grad=True)
@@ -137,9 +137,7 @@ class _Fit:
         seen = np.zeros(self._atlas.count, dtype=bool)
         for picture in self.pictures:
             inner = picture.inner.astype(np.float32)
-            seen |= (
-                self._texels(picture)[1].project(picture.close.camera, inner[..., None], inner, _STEEPEST).weight > 0
-            )
+            seen |= self._texels(picture)[1].project(picture.crop.camera, inner[..., None], inner, _STEEPEST).weight > 0
         return self._completed(self._atlas.gather(albedo).clamp_min(0.0).double().numpy(), seen)
 
     # -- the surface ------------------------------------------------------------------------------------------------
@@ -164,7 +162,7 @@ class _Fit:
         kept = picture.samples
         if kept is None or kept.age >= self.config.refresh:
             mesh = Mesh(vertices.detach().double().numpy(), self.surface.topology)
-            found = rasterise(mesh, picture.close.camera, self.config.supersample)
+            found = rasterise(mesh, picture.crop.camera, self.config.supersample)
             inside = np.flatnonzero(picture.inner.ravel()[found.pixel])
             parts = (found.pixel.astype(np.int64), found.face.astype(np.int64), found.barycentric, found.uv)
             pixel, face, barycentric, uv = (torch.from_numpy(part[inside]) for part in parts)
@@ -180,7 +178,7 @@ class _Fit:
             vertices = self._vertices(picture)
         total = torch.zeros(())
         if shapes:
-            drawn = silhouette(vertices, self.surface.edges, picture.close.camera)
+            drawn = silhouette(vertices, self.surface.edges, picture.crop.camera)
             total = total + weights.silhouette * (drawn - picture.alpha).abs().mean()
             assert picture.points is not None
             moved = (self._points(picture) - picture.points).square().sum(dim=1)
@@ -201,7 +199,7 @@ class _Fit:
         moves: the colour is compared with the picture at the place where the point is seen."""
         samples, (height, width) = self._sampled(picture, vertices), picture.alpha.shape
         colour, position = self._colour(picture, samples, vertices)
-        place = seen_at(position, picture.close.camera)[0]
+        place = seen_at(position, picture.crop.camera)[0]
         truth = _looked_up(picture.image, place / torch.tensor([width, height]))
         share = 1.0 / self.config.supersample**2
         photometric = share * (colour - truth).abs().sum() / (3 * height * width)
@@ -260,7 +258,7 @@ class _Fit:
         total, weight = np.zeros((3, atlas.count)), np.zeros(atlas.count)
         for picture in self.pictures:
             mesh, surface = self._texels(picture)
-            shown = surface.project(picture.close.camera, picture.model, picture.inner.astype(np.float32), _STEEPEST)
+            shown = surface.project(picture.crop.camera, picture.model, picture.inner.astype(np.float32), _STEEPEST)
             lit = visibility(mesh, self.light.numpy(), surface.position, self.config.shadow_size)
             position, normal, visible = (
                 torch.from_numpy(part).float() for part in (surface.position, surface.normal, lit)

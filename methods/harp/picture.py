@@ -1,4 +1,4 @@
-"""What HARP compares itself with: close-ups of a hand, their unknown poses, and the surface points seen in them."""
+"""What HARP compares itself with: crops of a hand, their unknown poses, and the surface points seen in them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from torch import Tensor
 
 from handbench.scene import Array
 
-from ..kit.closeup import CloseUp
 from ..kit.colourspace import to_display, to_model
+from ..kit.crop import Crop
 from .config import HarpConfig
 
 EATEN = 2
@@ -20,7 +20,7 @@ EATEN = 2
 
 @dataclass(eq=False)
 class Samples:
-    """Pixels (P,) inside a close-up's mask that the surface covers, some several times, and where on it they are."""
+    """Pixels (P,) inside a crop's mask that the surface covers, some several times, and where on it they are."""
 
     pixel: Tensor
     face: Tensor
@@ -31,18 +31,18 @@ class Samples:
 
 
 class Picture:
-    """A close-up, its colours (3, h, w) in the model's space and as display values, and the unknown pose."""
+    """A crop, its colours (3, h, w) in the model's space and as display values, and the unknown pose."""
 
-    def __init__(self, close: CloseUp, pose: tuple[Array, Array, Array], config: HarpConfig) -> None:
-        self.close = close
+    def __init__(self, crop: Crop, pose: tuple[Array, Array, Array], config: HarpConfig) -> None:
+        self.crop = crop
         self.start = torch.tensor(pose[0]).float()
         self.joints = torch.zeros_like(self.start, requires_grad=True)
         self.rotation, self.translation = (torch.tensor(part).float().requires_grad_() for part in pose[1:])
-        self.model = to_model(close.image, config.space)
+        self.model = to_model(crop.image, config.space)
         self.colour = torch.from_numpy(np.moveaxis(self.model, -1, 0).copy())
         self.image = to_display(self.colour, config.space)
-        self.alpha = torch.from_numpy(close.alpha)
-        self.inner = close.inner(EATEN)
+        self.alpha = torch.from_numpy(crop.alpha)
+        self.inner = crop.inner(EATEN)
         self.points: Tensor | None = None
         self.samples: Samples | None = None
 

@@ -21,7 +21,7 @@ Shadows: TypeAlias = Literal["hard", "soft", "none"]
 
 
 @dataclass(frozen=True)
-class View:
+class TrainingView:
     """One pose of a subject in one camera, with L pictures of it, each under some of S single lights.
 
     directions (D, 3) of the distant ones and positions (P, 3) of the near ones, S = D + P; power (L, S, 3) is the
@@ -61,9 +61,9 @@ class View:
         return self.raster.sample(atlas.dilate(atlas.scatter(colour)))[:, *self.box]
 
 
-def visibility(posed: PosedSurface, lights: LightSet, shadows: Shadows) -> Tensor | None:
-    """What of each light reaches the texels, (L + P, N), or None without shadows."""
-    return None if shadows == "none" else posed.visibility(lights, soft=shadows == "soft")
+def visibility(posed: PosedSurface, lights: LightSet, shadows: Shadows, texels: Array | None = None) -> Tensor | None:
+    """What of each light reaches the covered texels, or some of them, (L + P, N), or None without shadows."""
+    return None if shadows == "none" else posed.visibility(lights, soft=shadows == "soft", texels=texels)
 
 
 def views(
@@ -72,7 +72,7 @@ def views(
     shadows: Shadows = "hard",
     method: str = "urhand",
     device: torch.device = CPU,
-) -> list[View]:
+) -> list[TrainingView]:
     """The training views at R x R texels, their tensors on a device, of the recording's single-light and group frames.
 
     Lights may be distant, near or both. A group frame is left out where the view's single-light frames show all of
@@ -124,7 +124,9 @@ def _telling(pictures: list[_Lit]) -> list[_Lit]:
     ]
 
 
-def _view(pictures: list[_Lit], recording: Recording, posed: PosedSurface, shadows: Shadows, method: str) -> View:
+def _view(
+    pictures: list[_Lit], recording: Recording, posed: PosedSurface, shadows: Shadows, method: str
+) -> TrainingView:
     first = pictures[0].frame
     drawn = rasterise(posed.mesh, first.camera)
     covered = (needed(recording.observe(first).alpha, "alpha") > 0) | (drawn.alpha > 0)
@@ -138,7 +140,7 @@ def _view(pictures: list[_Lit], recording: Recording, posed: PosedSurface, shado
     directions, irradiance = _different([(p.distant, p.lights.irradiance) for p in pictures])
     positions, intensities = _different([(p.near, p.lights.intensities) for p in pictures])
     single = LightSet(directions, irradiance.sum(axis=0), positions, intensities.sum(axis=0))
-    return View(
+    return TrainingView(
         subject=first.subject,
         joints=torch.from_numpy(needed(first.pose, "pose").joints.copy()).float().to(posed.position.device),
         posed=posed,

@@ -51,14 +51,14 @@ class Drawing:
             )
 
 
-class View(NamedTuple):
+class SeenPlaces(NamedTuple):
     """What a camera sees of a hand in a pose: the places that scatter, and the pixel (R) of each of their rays."""
 
     places: Scattering
     pixel: Tensor
 
 
-def surface_view(posed: PosedHand, canonical: Tensor, raster: Raster) -> View:
+def surface_view(posed: PosedHand, canonical: Tensor, raster: Raster) -> SeenPlaces:
     """One place for each pixel that sees the raster's mesh, whose vertices are at canonical (V, 3) in canonical space.
 
     A pixel's place is what the middle one of its rays that meet the mesh sees.
@@ -73,17 +73,17 @@ def surface_view(posed: PosedHand, canonical: Tensor, raster: Raster) -> View:
     places = Scattering(
         len(pixel), torch.arange(len(pixel)), alpha, at.point + LIFT * at.normal, at.normal, view, at.material(posed)
     )
-    return View(places, torch.from_numpy(pixel.astype(np.int64)))
+    return SeenPlaces(places, torch.from_numpy(pixel.astype(np.int64)))
 
 
-def volume_view(posed: PosedHand, camera: Camera, scatter: int) -> View:
+def volume_view(posed: PosedHand, camera: Camera, scatter: int) -> SeenPlaces:
     """At most `scatter` places for each pixel of the posed hand's box, drawn by the weights of a march."""
     low, high = posed.box.double().numpy()
     corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
     pixel, towards = pixel_rays(camera, camera.box(corners))
     origins = torch.from_numpy(camera.centre).float().expand(len(towards), 3)
     rendering = render(posed, origins, towards, posed.model.config.marching, None)
-    return View(Scattering.of(posed, rendering).drawn(scatter), torch.from_numpy(pixel))
+    return SeenPlaces(Scattering.of(posed, rendering).drawn(scatter), torch.from_numpy(pixel))
 
 
 def pixel_rays(camera: Camera, box: Box) -> tuple[Array, Tensor]:

@@ -19,8 +19,8 @@ from handbench.method import Progress
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.scene import Array
 
-from ..kit.closeup import CloseUp
 from ..kit.colourspace import to_display
+from ..kit.crop import Crop
 from ..kit.enrolled import Enrolled
 from ..kit.perceptual import perceptual_loss
 from .drawing import pixel_rays
@@ -70,23 +70,23 @@ def personalised(model: PalmModel, enrolled: Enrolled, fit: Fit, form: Form, see
 
 
 class _Fitter:
-    """One person's unknowns, the close-up that they are fitted to, and the steps."""
+    """One person's unknowns, the crop that they are fitted to, and the steps."""
 
     def __init__(self, model: PalmModel, enrolled: Enrolled, fit: Fit, form: Form, seed: int) -> None:
         self.model, self.fit, self.form = model, fit, form
         seen = enrolled.pictures[0]
         assert seen.observation.alpha is not None
-        self._close = close = CloseUp.of(seen.camera, seen.observation.image, seen.observation.alpha, fit.side)
-        if min(close.alpha.shape) < fit.patch:
-            height, width = close.alpha.shape
+        self._crop = crop = Crop.of(seen.camera, seen.observation.image, seen.observation.alpha, fit.side)
+        if min(crop.alpha.shape) < fit.patch:
+            height, width = crop.alpha.shape
             raise Unsupported(
                 f"the hand of the enrolled picture is {width}x{height} pixels, less than a patch of {fit.patch}; "
                 "give a larger picture"
             )
-        self._origin = torch.from_numpy(close.camera.centre.copy()).float()
-        self._towards = pixel_rays(close.camera, close.camera.whole)[1]
-        self._image, self._alpha = torch.from_numpy(close.image).reshape(-1, 3), torch.from_numpy(close.alpha).flatten()
-        self._groups = _groups(close)
+        self._origin = torch.from_numpy(crop.camera.centre.copy()).float()
+        self._towards = pixel_rays(crop.camera, crop.camera.whole)[1]
+        self._image, self._alpha = torch.from_numpy(crop.image).reshape(-1, 3), torch.from_numpy(crop.alpha).flatten()
+        self._groups = _groups(crop)
         self._random = np.random.default_rng([37, seed])
 
         self._bases = [Basis(codes.detach(), fit.components, fit.whitened) for codes in (model.phi, model.psi)]
@@ -206,14 +206,14 @@ class _Fitter:
         single = [rng.choice(group, round(share * fit.rays)) for group, share in zip(self._groups, SHARES, strict=True)]
         patch = []
         if fit.patch:
-            rows, columns = square(self._close.alpha > 0.5, fit.patch, rng)
-            patch.append(rows * self._close.alpha.shape[1] + columns)
+            rows, columns = square(self._crop.alpha > 0.5, fit.patch, rng)
+            patch.append(rows * self._crop.alpha.shape[1] + columns)
         return torch.from_numpy(np.concatenate([*single, *patch])), fit.patch
 
     @torch.no_grad()
     def _start_light(self) -> None:
         """The light as bright as the picture, or where least squares put it."""
-        inner = np.flatnonzero(self._close.inner(1).ravel())
+        inner = np.flatnonzero(self._crop.inner(1).ravel())
         inner = inner if len(inner) else self._groups[0]
         some = torch.from_numpy(self._random.choice(inner, min(_FEW, len(inner)), replace=False))
         towards = self._towards[some]
@@ -226,9 +226,9 @@ class _Fitter:
         self._light.amplitude.copy_(how(known, self._image[some], light.amplitude))
 
 
-def _groups(close: CloseUp) -> tuple[Array, Array, Array]:
-    """Flat pixels of a close-up on the hand, near its edge, and elsewhere; all of them where a group is empty."""
-    hand = close.alpha > 0.5
+def _groups(crop: Crop) -> tuple[Array, Array, Array]:
+    """Flat pixels of a crop on the hand, near its edge, and elsewhere; all of them where a group is empty."""
+    hand = crop.alpha > 0.5
     edge = near_edge(hand, _EDGE)
     found = [np.flatnonzero(where.ravel()) for where in (hand, edge, ~hand & ~edge)]
     first, second, third = (where if len(where) else np.arange(hand.size) for where in found)

@@ -42,7 +42,7 @@ class FitRates:
 class Fit:
     """How a person is found in a picture.
 
-    steps        of Adam, with `rays` and a patch of `patch` x `patch` pixels each (0: none); side: of the close-up
+    steps        of Adam, with `rays` and a patch of `patch` x `patch` pixels each (0: none); side: of the crop
     samples      directions of a ray's reflected light, each at a place of its own, or all at each of `places`
     components   of the training subjects' codes that are moved; whitened: in standard deviations about the mean of the
                  codes, or (released) unit vectors about zero

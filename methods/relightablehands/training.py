@@ -16,7 +16,7 @@ from handbench.scene.colour import unclipped_srgb
 
 from ..kit.engine import Player, fit, light_weights
 from ..kit.perceptual import perceptual_loss
-from ..kit.views import View, views
+from ..kit.views import TrainingView, views
 from .config import Config
 from .model import NEAREST, RelightableHandsModel, Seen, lit
 
@@ -38,7 +38,7 @@ def train(config: Config, recording: Recording, seed: int = 0, progress: Progres
     return model.eval()
 
 
-def exposure(seen: list[View]) -> float:
+def exposure(seen: list[TrainingView]) -> float:
     """Twice the radiance that the brightest hundredth of the hand has under a single light of unit irradiance.
 
     So 255 of Eq. 7 has room for highlights, whatever units a capture's lights and cameras have. A group counts as its
@@ -57,7 +57,7 @@ def exposure(seen: list[View]) -> float:
     return found
 
 
-def _irradiance(view: View) -> Array:
+def _irradiance(view: TrainingView) -> Array:
     """Mean irradiance over the colours of each light in each picture (L, S), of a near one in the hand's middle."""
     away = np.linalg.norm(view.positions - view.posed.position.mean(dim=1).cpu().numpy(), axis=1)
     falloff = np.concatenate([np.ones(len(view.directions)), np.maximum(away, NEAREST) ** -2.0])
@@ -67,7 +67,7 @@ def _irradiance(view: View) -> Array:
 class Lesson:
     """The losses of the model on the views of a subject."""
 
-    def __init__(self, model: RelightableHandsModel, seen: list[View]) -> None:
+    def __init__(self, model: RelightableHandsModel, seen: list[TrainingView]) -> None:
         self.model, self.views = model, seen
         self._seen = [Seen.of(view.posed, view.centre, view.joints.cpu().numpy()) for view in seen]
 

@@ -18,8 +18,8 @@ from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.unwrap import TexelSurface
 from handbench.scene import Array, Mesh, Pose
 
-from ..kit.closeup import CloseUp
 from ..kit.colourspace import to_display, to_model
+from ..kit.crop import Crop
 from ..kit.enrolled import Enrolled, Seen
 from ..kit.perceptual import patch, perceptual_loss
 from .config import UhmConfig
@@ -53,10 +53,10 @@ class Adapted:
 
 @dataclass(eq=False)
 class _Picture:
-    """A close-up, its display values (3, h, w), the raster of the posed hand in it, and what it shows of the texture:
+    """A crop, its display values (3, h, w), the raster of the posed hand in it, and what it shows of the texture:
     colour (3, N), seen (N,), normal (N, 3)."""
 
-    close: CloseUp
+    crop: Crop
     image: Tensor
     mask: Tensor
     raster: Raster
@@ -95,16 +95,16 @@ class _Adaptation:
     def _picture(self, seen: Seen) -> _Picture:
         observation, config = seen.observation, self.config
         assert observation.alpha is not None
-        close = CloseUp.of(seen.camera, observation.image, observation.alpha, config.side)
+        crop = Crop.of(seen.camera, observation.image, observation.alpha, config.side)
         mesh = PosedMesh(self.enrolled.mesh(seen.pose, self.level))
-        model = to_model(close.image, config.space)
+        model = to_model(crop.image, config.space)
         surface = TexelSurface.of(mesh, self.atlas)
-        shown = surface.project(close.camera, model, close.inner(_EATEN, 5).astype(np.float32))
-        raster = rasterise(mesh, close.camera, 2)
-        mask = torch.from_numpy((raster.alpha > 0.99) & close.inner(0))
+        shown = surface.project(crop.camera, model, crop.inner(_EATEN, 5).astype(np.float32))
+        raster = rasterise(mesh, crop.camera, 2)
+        mask = torch.from_numpy((raster.alpha > 0.99) & crop.inner(0))
         image = to_display(torch.from_numpy(np.moveaxis(model, -1, 0).copy()), config.space)
         colour, normal = (torch.from_numpy(part).float() for part in (shown.colour, surface.normal))
-        return _Picture(close, image, mask, raster, colour, torch.from_numpy(shown.weight > 0), normal)
+        return _Picture(crop, image, mask, raster, colour, torch.from_numpy(shown.weight > 0), normal)
 
     def run(self, progress: Progress) -> Adapted:
         config = self.config

@@ -24,7 +24,7 @@ class Weights:
 class UhmConfig:
     """The settings of an adaptation, and of how its texture is relit.
 
-    frames      enrolled pictures that are looked at, spread evenly; side: pixels of a close-up's longer side
+    frames      enrolled pictures that are looked at, spread evenly; side: pixels of a crop's longer side
     level       of the hand's subdivision; texture: side of the texture and of shadow maps in texels
     shadow_steps, shadow_rate   of Adam for the shadow maps; refine_steps, refine_rate: for the
                 texture, whose rate falls by the share `decay` in a straight line

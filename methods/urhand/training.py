@@ -18,7 +18,7 @@ from handbench.scene.colour import unclipped_srgb
 from ..kit.discriminator import Discriminator, discriminator_loss, generator_loss
 from ..kit.engine import Player, fit, light_weights
 from ..kit.perceptual import patch, perceptual_loss
-from ..kit.views import View, views
+from ..kit.views import TrainingView, views
 from ..reflectance.model import normalised_texture
 from . import lighting
 from .model import Material, URHandModel
@@ -96,11 +96,13 @@ class Lesson:
         return {"hinge": discriminator_loss([s[:1] for s in scores], [s[1:] for s in scores])}
 
     def _features(
-        self, view: View, normal: Tensor, roughness: Tensor, lights: LightSet, visible: Tensor | None
+        self, view: TrainingView, normal: Tensor, roughness: Tensor, lights: LightSet, visible: Tensor | None
     ) -> Tensor:
         return lighting.features(self.config, normal, roughness, view.posed, view.centre, lights, visible)
 
-    def _image_terms(self, view: View, drawn: Tensor, target: Tensor, rng: np.random.Generator) -> dict[str, Tensor]:
+    def _image_terms(
+        self, view: TrainingView, drawn: Tensor, target: Tensor, rng: np.random.Generator
+    ) -> dict[str, Tensor]:
         """L1 and perceptual loss of the final picture and, weighted, of the physical branch's.
 
         The perceptual loss looks at a random patch of one of the pictures: its gradient is that of all on average.
@@ -119,14 +121,14 @@ class Lesson:
             terms["perceptual"] = config.perceptual * len(drawn) * weights[one] * loss
         return terms
 
-    def _condition(self, view: View, lights: LightSet, visible: Tensor | None) -> Tensor:
+    def _condition(self, view: TrainingView, lights: LightSet, visible: Tensor | None) -> Tensor:
         """Phong's diffuse and specular shading of the light on the coarse surface, (1, 2, h, w)."""
         rough = torch.ones(view.posed.atlas.count, device=view.images.device)
         shaded = light_features(view.posed.normal, view.posed.position, rough, view.centre, lights, visible, "phong")
         return view.draw(torch.stack([kind.mean(dim=0) for kind in shaded]))[None]
 
     def _inconsistency(
-        self, view: View, material: Material, features: Tensor, weights: Array, rng: np.random.Generator
+        self, view: TrainingView, material: Material, features: Tensor, weights: Array, rng: np.random.Generator
     ) -> Tensor:
         """How far the network is from linear (supp. Eq. 8), root mean square over gain and bias."""
         lights, visible, _ = view.lit_by(weights)

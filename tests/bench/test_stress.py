@@ -16,7 +16,7 @@ import torch
 from handbench.cli import main
 from handbench.errors import HandbenchError, InputError, Unsupported
 from handbench.studies.stress.case import Case, Result
-from handbench.studies.stress.outcome import Compared, accurate, equal, finite_or, observe, relative_error
+from handbench.studies.stress.judgement import Compared, accurate, equal, finite_or, observe, relative_error
 from handbench.studies.stress.record import render, summaries
 from handbench.studies.stress.runner import Source, run_cases
 from handbench.studies.stress.suite import select, suite

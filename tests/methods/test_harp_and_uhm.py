@@ -37,7 +37,7 @@ from handbench.methods.harp.shadow import visibility
 from handbench.methods.harp.start import lit_from
 from handbench.methods.harp.surface import Surface, mapped
 from handbench.methods.kit.albedo import Canvas, flat
-from handbench.methods.kit.closeup import CloseUp
+from handbench.methods.kit.crop import Crop
 from handbench.methods.kit.enrolled import Enrolled, Seen, enrolled
 from handbench.methods.uhm import method as uhm_method
 from handbench.methods.uhm.adaptation import adapted
@@ -189,20 +189,20 @@ def test_presets_and_priors(create: Any, tmp_path: Path) -> None:
 
 def test_an_empty_mask_has_no_close_up() -> None:
     with pytest.raises(Unsupported, match="empty"):
-        CloseUp.of(camera(), np.zeros((96, 72, 3), np.float32), np.zeros((96, 72), np.float32), 64)
+        Crop.of(camera(), np.zeros((96, 72, 3), np.float32), np.zeros((96, 72), np.float32), 64)
 
 
 def test_close_ups_see_what_the_camera_saw() -> None:
     whole = camera()
     alpha = np.zeros((96, 72), np.float32)
     alpha[31:80, 20:51] = 1.0
-    close = CloseUp.of(whole, np.repeat(alpha[..., None], 3, axis=2), alpha, 30)
-    assert max(close.alpha.shape) <= 30 and close.alpha.shape == (close.camera.height, close.camera.width)
+    crop = Crop.of(whole, np.repeat(alpha[..., None], 3, axis=2), alpha, 30)
+    assert max(crop.alpha.shape) <= 30 and crop.alpha.shape == (crop.camera.height, crop.camera.width)
     point = whole.unproject(np.array([35.0, 60.0]), 0.4)
-    place = close.camera.project(point)[0]
-    corner = close.camera.project(whole.unproject(np.array([20.0, 31.0]), 0.4))[0]
+    place = crop.camera.project(point)[0]
+    corner = crop.camera.project(whole.unproject(np.array([20.0, 31.0]), 0.4))[0]
     np.testing.assert_allclose(place - corner, np.array([15.0, 29.0]) / 2)
-    assert abs(4 * close.alpha.sum() - alpha.sum()) < 1e-3
+    assert abs(4 * crop.alpha.sum() - alpha.sum()) < 1e-3
 
 
 # --- a toy: a hand that is plumper than its model says, in HARP's own light -------------------------------------------

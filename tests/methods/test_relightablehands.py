@@ -13,7 +13,7 @@ from othercamera import check_seen_by
 from handbench.checkpoint import checkpoints_in
 from handbench.errors import InputError, Unsupported
 from handbench.method import Avatar, Recording
-from handbench.methods.kit.views import View, views
+from handbench.methods.kit.views import TrainingView, views
 from handbench.methods.relightablehands.config import PRESETS, Config
 from handbench.methods.relightablehands.frames import tangent_frames
 from handbench.methods.relightablehands.method import RelightableHands, RelightableHandsAvatar
@@ -37,7 +37,7 @@ def test_another_camera_shares_the_pose(avatar: Avatar, training: Recording) -> 
 
 
 @pytest.fixture(scope="module")
-def seen(training: Recording) -> list[View]:
+def seen(training: Recording) -> list[TrainingView]:
     return views(training, SMOKE.texture)
 
 
@@ -163,7 +163,7 @@ def _counting(forward, calls):  # type: ignore[no-untyped-def]
     return counted
 
 
-def test_training_lowers_its_loss_below_the_mean_picture(training: Recording, seen: list[View]) -> None:
+def test_training_lowers_its_loss_below_the_mean_picture(training: Recording, seen: list[TrainingView]) -> None:
     told: list[dict[str, float]] = []
     model = train(replace(SMOKE, steps=60), training, 0, lambda step, total, **values: told.append(values))
     assert told[-1]["l2"] < 0.7 * told[0]["l2"]
@@ -180,7 +180,7 @@ def test_training_lowers_its_loss_below_the_mean_picture(training: Recording, se
     assert np.mean(error) < 0.8 * np.mean(floor)
 
 
-def test_exposure_follows_the_units_of_the_capture(training: Recording, seen: list[View]) -> None:
+def test_exposure_follows_the_units_of_the_capture(training: Recording, seen: list[TrainingView]) -> None:
     found = exposure(seen)
     assert 0.1 < found < 1.0  # near 1 / pi, where 255 would be a white diffuse surface
     dimmer = [replace(view, images=view.images * 0.25) for view in seen]

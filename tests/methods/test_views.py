@@ -14,7 +14,7 @@ from handbench.data.capture import Capture
 from handbench.errors import Unsupported
 from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Recording
-from handbench.methods.kit.views import View, views
+from handbench.methods.kit.views import TrainingView, views
 from handbench.methods.relightablehands.config import PRESETS as HANDS_PRESETS
 from handbench.methods.relightablehands.model import RelightableHandsModel, Seen, lit
 from handbench.methods.relightablehands.training import exposure
@@ -54,7 +54,7 @@ def relit(recording: Recording, light: Callable[[Frame], Light]) -> Recording:
     return Recording(changed, lambda frame: recording.observe(known[frame.key]))
 
 
-def shaded(view: View, lights: LightSet, visible: torch.Tensor | None) -> torch.Tensor:
+def shaded(view: TrainingView, lights: LightSet, visible: torch.Tensor | None) -> torch.Tensor:
     rough = torch.full((view.posed.atlas.count,), 0.4)
     features = light_features(view.posed.normal, view.posed.position, rough, view.centre, lights, visible)
     return torch.cat(features)

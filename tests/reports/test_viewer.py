@@ -16,7 +16,7 @@ from PIL import Image
 from handbench.bench.store import Store
 from handbench.reports import table
 from handbench.reports import viewer as viewer_module
-from handbench.reports.frames import View, answers
+from handbench.reports.frames import Framing, answers
 from handbench.reports.pictures import KNEE, STOPS, beyond_white
 from handbench.reports.run import read_run
 from handbench.reports.truth import truth_of
@@ -56,7 +56,7 @@ def test_pictures_are_the_truth_and_the_answers_cut_and_exposed_alike(whole_run:
     truth, given = truth_of(run), answers(run)
     frame = shown.data["frames"][9]
     query = "/".join(frame[key] for key in ("subject", "pose", "camera", "light"))
-    view = View.of(*truth(query))
+    view = Framing.of(*truth(query))
     for picture, linear in (
         (frame["pictures"][0], truth(query)[0]),
         (frame["pictures"][4], given["urhand"][query].picture(run, query)[0]),
@@ -191,7 +191,7 @@ def test_no_text_of_a_run_can_end_the_data(small_run: Path, page_of: Callable[[P
 def test_a_view_cuts_around_the_hand_even_at_the_edge() -> None:
     image = np.zeros((40, 30, 3), np.float32)
     image[30:40, 20:30] = 0.5
-    view = View.of(image, (image[..., 0] > 0).astype(np.float32))
+    view = Framing.of(image, (image[..., 0] > 0).astype(np.float32))
     assert view.height / view.width == pytest.approx(4 / 3, abs=0.15)
     assert view.top + view.height > 40, "the margin lies outside of the picture, and is black"
     found = view(image)

@@ -30,7 +30,7 @@ class Projected:
 
 
 @dataclass(frozen=True)
-class Unwrapped:
+class Averaged:
     """The weighted mean colour (C, N) of several pictures, zero where none saw the texel; the sum of the weights (N,),
     and by how many pictures each texel was seen, `views` (N,)."""
 
@@ -77,11 +77,11 @@ class TexelSurface:
         return Projected(np.stack(channels), weight)
 
 
-def averaged(pictures: Iterable[Projected]) -> Unwrapped:
+def averaged(pictures: Iterable[Projected]) -> Averaged:
     """The mean of what pictures show of one texture; there must be at least one picture."""
     total, weight, views = np.zeros(()), np.zeros(()), np.zeros((), dtype=np.int64)
     for picture in pictures:
         total = total + picture.colour * picture.weight
         weight = weight + picture.weight
         views = views + (picture.weight > 0)
-    return Unwrapped(np.divide(total, weight, out=np.zeros_like(total), where=weight > 0), weight, views)
+    return Averaged(np.divide(total, weight, out=np.zeros_like(total), where=weight > 0), weight, views)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...results.schema import told
-from .outcome import Expected
+from .judgement import Expected
 
 LIMIT = 20.0
 """Seconds a case may take; most take milliseconds, the first of a kind compiles something."""

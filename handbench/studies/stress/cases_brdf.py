@@ -14,7 +14,7 @@ from ...errors import InputError
 from ...render.shade import brdf, reference
 from ...scene import Array
 from .case import Case
-from .outcome import Compared, accurate, equal, finite, finite_or
+from .judgement import Compared, accurate, equal, finite, finite_or
 from .scenes import around, exact, sphere_directions, tangent, tensor, unit
 
 FAMILY = "brdf"

@@ -18,7 +18,7 @@ from ...scene import Array
 from .case import Case
 from .cases_brdf import ANGLES, DARK, PLACES, Directions, across, anywhere, cosine, mirror
 from .cases_shading import TEXELS, setting
-from .outcome import Compared, accurate, equal, finite, finite_or
+from .judgement import Compared, accurate, equal, finite, finite_or
 from .scenes import tensor, unit
 
 FAMILY = "disney"

@@ -16,7 +16,7 @@ from ...hand.collision import penetration
 from ...hand.skinning import rotation_matrix
 from ...scene import Array, Pose
 from .case import Case
-from .outcome import Compared, accurate, equal, finite, finite_or, refused
+from .judgement import Compared, accurate, equal, finite, finite_or, refused
 
 FAMILY = "hand"
 

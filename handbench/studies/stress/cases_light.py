@@ -17,7 +17,7 @@ from ...light.lightset import light_samples
 from ...light.stage import stage_directions
 from ...scene import Array, Directional, Environment, Group, Light, Point
 from .case import Case
-from .outcome import Compared, accurate, equal, refused
+from .judgement import Compared, accurate, equal, refused
 from .scenes import WHITE
 
 FAMILY = "light"

@@ -20,7 +20,7 @@ from ...method import Recording
 from ...registry import METHODS
 from ...scene import Array, Camera, Directional, Environment, Group, Light, Mesh, Observation, Point, Query, needed
 from .case import Case
-from .outcome import Compared, Expected, equal, finite, finite_or, or_refused, refused
+from .judgement import Compared, Expected, equal, finite, finite_or, or_refused, refused
 from .scenes import WHITE, camera, crumpled, flipped, moved, pointlike, torn, unit
 from .trained import damaged, lacking, poisoned, smallest, trained_method
 

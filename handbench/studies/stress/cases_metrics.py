@@ -12,7 +12,7 @@ from ...errors import InputError, Unsupported
 from ...registry import METRICS
 from ...scene import Array
 from .case import Case
-from .outcome import Compared, accurate, equal, finite, finite_or, refused
+from .judgement import Compared, accurate, equal, finite, finite_or, refused
 
 FAMILY = "metrics"
 SIZE = 40

@@ -16,7 +16,7 @@ from ...render.see.raster import Raster, rasterise
 from ...scene import Camera, Mesh
 from .case import Case
 from .cases_surface import MESHES
-from .outcome import Compared, accurate, equal, finite, finite_or, refused
+from .judgement import Compared, accurate, equal, finite, finite_or, refused
 from .scenes import camera, globe, hand, moved
 
 FAMILY = "raster"

@@ -16,7 +16,7 @@ from ...light.reduction import reduced, reduced_to
 from ...scene import Array, Environment
 from .case import Case
 from .cases_light import irradiance, maps
-from .outcome import Compared, accurate, equal, finite, refused
+from .judgement import Compared, accurate, equal, finite, refused
 from .scenes import sphere_directions
 
 FAMILY = "reduction"

@@ -17,7 +17,7 @@ from ...render.shade import reference
 from ...render.shade.shading import Model, light_features, relight, transfer
 from ...scene import Array
 from .case import Case
-from .outcome import Compared, accurate, equal, finite, finite_or
+from .judgement import Compared, accurate, equal, finite, finite_or
 from .scenes import NONE, distant, exact, near, sphere_directions, tensor, unit
 
 FAMILY = "shading"

@@ -16,7 +16,7 @@ from ...render.uv.posed import PosedSurface
 from ...render.uv.surface import Relief, mesh_normals, surface_maps
 from ...scene import Array, Mesh, Topology
 from .case import Case
-from .outcome import Compared, accurate, equal, finite, finite_or, refused
+from .judgement import Compared, accurate, equal, finite, finite_or, refused
 from .scenes import atlas, crumpled, flipped, globe, hand, moved, pointlike, tensor, torn
 
 FAMILY = "surface"

@@ -16,7 +16,7 @@ from ...render.uv.surface import mesh_normals
 from ...scene import Array, Mesh
 from .case import Case
 from .cases_surface import MESHES
-from .outcome import Compared, equal, finite
+from .judgement import Compared, equal, finite
 from .scenes import NONE, WHITE, atlas, distant, flipped, globe, hand, moved, plates, torn
 
 FAMILY = "visibility"

@@ -19,7 +19,7 @@ from typing import Any
 
 from ...errors import HandbenchError
 from .case import Case, Result
-from .outcome import Outcome, observe
+from .judgement import Judgement, observe
 
 START = 120.0
 """Seconds a worker may take to import everything and build the suite."""
@@ -56,7 +56,7 @@ def run_cases(source: Source, chosen: Sequence[Case]) -> Iterator[Result]:
             worker.end()
 
 
-def result(case: Case, outcome: Outcome, milliseconds: float) -> Result:
+def result(case: Case, outcome: Judgement, milliseconds: float) -> Result:
     return Result(
         case.family,
         case.name,
@@ -79,31 +79,31 @@ class _Worker:
         self._process.start()
         there.close()
         ready = self._receive(START)
-        if isinstance(ready, Outcome):
+        if isinstance(ready, Judgement):
             raise HandbenchError(f"stress: a worker cannot start: {ready.observed}")
 
     @property
     def alive(self) -> bool:
         return self._process.is_alive()
 
-    def ask(self, case: Case) -> tuple[Outcome, float | None]:
+    def ask(self, case: Case) -> tuple[Judgement, float | None]:
         """The outcome of a case and its milliseconds; None if the worker never answered, and then it is gone."""
         self._here.send(case.id)
         answer = self._receive(case.limit)
-        return (answer, None) if isinstance(answer, Outcome) else answer
+        return (answer, None) if isinstance(answer, Judgement) else answer
 
     def _receive(self, limit: float) -> Any:
         """What the worker sends, or the failure in its place."""
         if not self._here.poll(limit):
             self.end()
-            return Outcome(f"hangs: no answer within {limit:g} s", None, False)
+            return Judgement(f"hangs: no answer within {limit:g} s", None, False)
         try:
             return self._here.recv()
         except (EOFError, ConnectionResetError):
             self._process.join(10)
             how = _exit_text(self._process.exitcode)
             self.end()
-            return Outcome(f"crashes: the process ended with {how}", None, False)
+            return Judgement(f"crashes: the process ended with {how}", None, False)
 
     def end(self) -> None:
         self._process.kill()
@@ -127,7 +127,7 @@ def _serve(pipe: Connection, source: Source) -> None:
     try:
         cases = {case.id: case for case in source.cases()}
     except Exception as error:
-        pipe.send(Outcome(f"{type(error).__name__}: {' '.join(str(error).split())}", None, False))
+        pipe.send(Judgement(f"{type(error).__name__}: {' '.join(str(error).split())}", None, False))
         return
     pipe.send("ready")
     while True:

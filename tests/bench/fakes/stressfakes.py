@@ -12,7 +12,7 @@ import numpy as np
 
 from handbench.errors import HandbenchError, InputError, NonFinite, Unsupported
 from handbench.studies.stress.case import Case
-from handbench.studies.stress.outcome import Compared, Expected, accurate, equal, finite, refused
+from handbench.studies.stress.judgement import Compared, Expected, accurate, equal, finite, refused
 
 
 def _raises(error: Exception) -> Callable[[], Any]:

@@ -12,7 +12,7 @@ from handbench.scene import Array, Camera
 
 
 @dataclass(frozen=True, eq=False)
-class CloseUp:
+class Crop:
     """A camera that sees only the hand, the premultiplied linear image (h, w, 3) float32 and the mask (h, w)."""
 
     camera: Camera
@@ -20,7 +20,7 @@ class CloseUp:
     alpha: Array
 
     @staticmethod
-    def of(camera: Camera, image: Array, alpha: Array, side: int, margin: float = 0.08) -> CloseUp:
+    def of(camera: Camera, image: Array, alpha: Array, side: int, margin: float = 0.08) -> Crop:
         """The box of the mask with a margin (of its longer side), whose longer side has at most `side` pixels.
 
         Pixels are averaged in squares. Raises `Unsupported` for an empty mask.
@@ -43,7 +43,7 @@ class CloseUp:
 
         shift = np.array([[1, 0, -low[0]], [0, 1, -low[1]], [0, 0, 1]])
         K = np.diag([1 / times, 1 / times, 1.0]) @ shift @ camera.K
-        return CloseUp(Camera(camera.name, width, height, K, camera.world_to_camera), small(image), small(alpha))
+        return Crop(Camera(camera.name, width, height, K, camera.world_to_camera), small(image), small(alpha))
 
     def inner(self, rounds: int, size: int = 3) -> Array:
         """Where the mask (h, w) bool is whole and remains so when its edge is eaten `rounds` times by size x size."""

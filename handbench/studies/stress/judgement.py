@@ -52,7 +52,7 @@ class Expected:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Judgement:
     """`observed` is for people; `error` is the relative error where one was measured."""
 
     observed: str
@@ -89,38 +89,38 @@ def _names(errors: tuple[type[HandbenchError], ...]) -> str:
     return ", ".join(error.__name__ for error in errors)
 
 
-def observe(expected: Expected, run: Callable[[], Any]) -> Outcome:
+def observe(expected: Expected, run: Callable[[], Any]) -> Judgement:
     """Run a case and judge it. NaN or infinity never passes, nor does an error of another kind or an empty answer."""
     try:
         answer = run()
     except HandbenchError as error:
         text = str(error)
         if not text or "\n" in text or len(text) > LONGEST:
-            return Outcome(f"{type(error).__name__} without one clear sentence: {_line(text)}", None, False)
-        return Outcome(f"{type(error).__name__}: {text}", None, isinstance(error, expected.errors))
+            return Judgement(f"{type(error).__name__} without one clear sentence: {_line(text)}", None, False)
+        return Judgement(f"{type(error).__name__}: {text}", None, isinstance(error, expected.errors))
     except (Exception, SystemExit) as error:
-        return Outcome(f"raised {type(error).__name__}: {_line(str(error))}", None, False)
+        return Judgement(f"raised {type(error).__name__}: {_line(str(error))}", None, False)
     return _judge(expected, answer)
 
 
-def _judge(expected: Expected, answer: Any) -> Outcome:
+def _judge(expected: Expected, answer: Any) -> Judgement:
     values = list(_arrays(answer.value if isinstance(answer, Compared) else answer))
     count = sum(array.size for array in values)
     bad = sum(int(np.count_nonzero(~np.isfinite(array))) for array in values)
     if bad:
-        return Outcome(f"{bad} of {count} values are NaN or infinite", None, False)
+        return Judgement(f"{bad} of {count} values are NaN or infinite", None, False)
     if not count:
-        return Outcome("an answer without values", None, False)
+        return Judgement("an answer without values", None, False)
     if not isinstance(answer, Compared):
         told = "finite" if expected.answers else "an answer instead of an error"
-        return Outcome(told, None, expected.answers and expected.within is None)
+        return Judgement(told, None, expected.answers and expected.within is None)
     try:
         error = relative_error(values, list(_arrays(answer.truth)), answer.norm, answer.least)
     except ValueError as mismatch:
-        return Outcome(str(mismatch), None, False)
+        return Judgement(str(mismatch), None, False)
     if error == float("inf"):
-        return Outcome("values other than zero where all should be zero", None, False)
-    return Outcome(f"relative error {error:.1e}", error, expected.within is not None and error <= expected.within)
+        return Judgement("values other than zero where all should be zero", None, False)
+    return Judgement(f"relative error {error:.1e}", error, expected.within is not None and error <= expected.within)
 
 
 def relative_error(values: list[Array], truths: list[Array], norm: Norm, least: float = 0.0) -> float:
