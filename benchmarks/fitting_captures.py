@@ -18,6 +18,7 @@ import numpy as np
 from handbench.data.openstage import open_capture
 from handbench.data.openstage.population import cast
 from handbench.data.openstage.presets import CaptureName
+from handbench.evenly import evenly
 from handbench.hand import HandModel, hand_model
 from handbench.hand.fitting import Fit, Picture, Unfittable, fit, pictures
 from handbench.hand.openhand import OpenHand
@@ -88,8 +89,7 @@ def _seen(hand: HandModel, truth: Frame) -> tuple[str, str]:
 
 def some(people: Sequence[Sequence[Known]], each: int) -> list[Known]:
     """At most some pictures of each person, spread over the sequence."""
-    picks = (np.linspace(0, len(own) - 1, min(each, len(own))).round().astype(int) for own in people)
-    return [own[i] for own, chosen in zip(people, picks, strict=True) for i in chosen]
+    return [picture for own in people for picture in evenly(own, each)]
 
 
 def found_in(hand: HandModel, truth: Frame, found: Fit, index: int = 0) -> Errors:

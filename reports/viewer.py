@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from handbench.bench.scoring import SHOWN
 from handbench.bench.store import Store
+from handbench.evenly import evenly
 from handbench.files import read_bytes
 from handbench.scene import Array
 
@@ -115,12 +114,7 @@ def per_column(size: tuple[int, int], pictures: int, columns: int) -> int:
 
 def _spread(columns: Mapping[str, Mapping[str, None]], limit: int) -> set[str]:
     """Up to `limit` queries of each column, evenly spread; those of several columns count in each."""
-    return {
-        queries[i]
-        for queries in map(list, columns.values())
-        if queries
-        for i in np.linspace(0, len(queries) - 1, min(limit, len(queries))).round().astype(int)
-    }
+    return {query for queries in columns.values() for query in evenly(list(queries), limit)}
 
 
 def _frame(

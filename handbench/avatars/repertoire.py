@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError, Unsupported, unknown_name
+from ..evenly import evenly
 from ..hand import hand_model
 from ..scene import Array, Camera, Mesh, Pose, Query, Uncalibrated, Viewpoint
 
@@ -80,8 +81,7 @@ class Repertoire:
             views[query.pose_name, name] = None
         if not views:
             raise InputError("no pose of the hand is told or was found before a calibrated camera; give poses")
-        names = list(postures)
-        kept = {names[i] for i in np.linspace(0, len(names) - 1, min(MOST, len(names))).round().astype(int)}
+        kept = set(evenly(list(postures), MOST))
         chosen = tuple(view for view in views if view[0] in kept)
         seen = {camera for _, camera in chosen}
         return cls(

@@ -9,6 +9,7 @@ from statistics import median
 import numpy as np
 
 from ..errors import Unsupported
+from ..evenly import evenly
 from ..method import Avatar, MethodInfo, PosedAvatar, RecordedAvatar
 from ..results.record import Spread
 from ..scene import Frame, FrameKind, Light, Prediction, Query, kind_of, leaves
@@ -99,11 +100,7 @@ def repeated(frames: Sequence[Frame]) -> set[str]:
     kinds: dict[str, list[str]] = {}
     for frame in frames:
         kinds.setdefault(frame.kind, []).append(frame.key)
-    return {
-        keys[i]
-        for keys in kinds.values()
-        for i in np.linspace(0, len(keys) - 1, min(_REPEATS, len(keys))).round().astype(int)
-    }
+    return {key for keys in kinds.values() for key in evenly(keys, _REPEATS)}
 
 
 def same_picture(one: Prediction, other: Prediction) -> bool:

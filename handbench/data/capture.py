@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TypeVar
-
-import numpy as np
 
 from ..errors import BadFrame, HandbenchError, InputError, StorageError
 from ..method import Progress, silent
 from ..recording import PARTS, Need, Part, Recording, offered
 from ..registry import CAPTURES
 from ..scene import Frame, Observation
-
-T = TypeVar("T")
 
 
 def open_capture(
@@ -93,11 +88,6 @@ class Capture(ABC):
             raise InputError(f"{self.name} has no {kind} {name!r}")
         gives: frozenset[Part] = frozenset(part for part in PARTS if part in self.offers)
         return Recording(frames, self.observe, gives)
-
-
-def spread(items: Sequence[T], most: int) -> list[T]:
-    """At most `most` of some items, spread evenly from the first to the last."""
-    return [items[round(i)] for i in np.linspace(0, len(items) - 1, min(most, len(items)))]
 
 
 def by_key(frames: Iterable[Frame]) -> Mapping[str, Frame]:

@@ -7,10 +7,11 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
+from ..evenly import evenly
 from ..files import whole
 from ..scene import FRAME_KINDS, Directional, Frame
 from ..scene.colour import eight_bit
-from .capture import Capture, spread
+from .capture import Capture
 
 _MARGIN, _LABEL, _GAP = 64, 20, 3
 _POSES = 12
@@ -31,7 +32,7 @@ def contact_sheet(capture: Capture, cell_height: int = 112) -> Image.Image:
             [k for k in FRAME_KINDS if any(f.kind == k for f in frames)],
         )
     )
-    poses = spread(list(dict.fromkeys(f.pose_name for f in frames)), _POSES)
+    poses = evenly(list(dict.fromkeys(f.pose_name for f in frames)), _POSES)
     table: dict[tuple[str, str, str, str], list[Frame]] = {}
     for frame in frames:
         table.setdefault((frame.subject, frame.camera.name, frame.pose_name, frame.kind), []).append(frame)

@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import HandbenchError, Unsupported
+from ..evenly import evenly
 from ..hand import hand_model, hand_of
 from ..render.see.posedmesh import PosedMesh
 from ..render.see.raster import Raster
 from ..scene import Array, Directional, Frame, Point, Topology, Uncalibrated, leaves
-from .capture import Capture, read, spread
+from .capture import Capture, read
 from .folder.capture import Folder
 from .overlap import ADDED, NOT_ADDED, POOR, doubt_of_overlap, look, overlap_of
 
@@ -45,7 +46,7 @@ class Checked:
 def checked(capture: Capture) -> Checked:
     """A few frames of a capture against the conventions that are confused most."""
     every = capture.frames()
-    some = spread(every, _FRAMES)
+    some = evenly(every, _FRAMES)
     doubts = [*_of_uvs(some), *_of_colours(capture, some), *_of_key_points(capture, some)]
     looked = () if capture.drawn_masks else [found for frame in some if (found := look(capture, frame)) is not None]
     if not looked:
@@ -140,7 +141,7 @@ def _of_light(capture: Capture, every: Sequence[Frame]) -> Iterator[str]:
     lit = [frame for frame in every if frame.kind in ("olat", "group")]
     told: list[float] = []
     flipped: dict[str, list[float]] = {name: [] for name in _FLIPS}
-    for frame in spread(lit, _FRAMES):
+    for frame in evenly(lit, _FRAMES):
         seen = look(capture, frame)
         if seen is None:
             continue

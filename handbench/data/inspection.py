@@ -8,9 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import BadFrame, InputError
+from ..evenly import evenly
 from ..method import Progress, silent
 from ..scene import Frame, Observation
-from .capture import Capture, read, spread
+from .capture import Capture, read
 
 _ACROSS = 10.0  # metres: no hand
 SKIN = 1.0
@@ -28,7 +29,7 @@ def troubles(capture: Capture, progress: Progress = silent, most: int | None = N
         if count > 1:
             yield f"{key}: {count} frames have this key; name poses, cameras and lightings apart"
     if most is not None:
-        frames = tuple(spread(frames, most))
+        frames = tuple(evenly(frames, most))
     for frame in {frame.pose_key: frame for frame in reversed(frames)}.values():
         if trouble := _of_mesh(frame):
             yield f"{frame.key}: {trouble}"

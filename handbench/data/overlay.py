@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from ..errors import HandbenchError
+from ..evenly import evenly
 from ..files import whole
 from ..hand import hand_model
 from ..hand.handmodel import HandModel
@@ -15,7 +16,7 @@ from ..render.see.posedmesh import PosedMesh
 from ..render.see.raster import Raster
 from ..scene import Array, Camera, Directional, Environment, Frame, Light, Mesh, Point, Uncalibrated, leaves
 from ..scene.colour import eight_bit
-from .capture import Capture, read, spread
+from .capture import Capture, read
 from .overlap import mesh_of
 
 _HEIGHT, _COLUMNS, _MOST = 256, 4, 12
@@ -29,7 +30,7 @@ def sheet(capture: Capture) -> Image.Image:
     """Up to 12 frames, spread over a capture: the mesh's outline in blue, key points as they were detected in red and
     those of the hand model in yellow, and in the corner a white ball as the frame's light falls on it, arrows towards
     single lights."""
-    some = spread(capture.frames(), _MOST)
+    some = evenly(capture.frames(), _MOST)
     cells = [_cell(capture, frame) for frame in some]
     width, height = max(cell.width for cell in cells), _HEIGHT + _LABEL
     rows = -(-len(cells) // _COLUMNS)

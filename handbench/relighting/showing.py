@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from ..evenly import evenly
 from ..scene import Array
 from ..scene.colour import eight_bit
 from .drawing import Frames
@@ -25,9 +26,9 @@ _INK, _GROUND = (235, 235, 235), (24, 24, 24)
 def exposure_of(frames: Frames) -> float:
     """The factor that suits all frames of all portraits: nothing that is shown changes it from frame to frame."""
     bright = []
-    for frame in np.unique(np.linspace(0, frames.count - 1, min(_LOOKED_AT, frames.count)).round().astype(int)):
+    for frame in evenly(range(frames.count), _LOOKED_AT):
         for portrait in range(frames.portraits):
-            image, alpha = frames.read(int(frame), portrait)
+            image, alpha = frames.read(frame, portrait)
             bright.append(image[alpha > 0.5].ravel())
     values = np.concatenate(bright) if bright else np.zeros(0)
     return EXPOSED / max(float(np.percentile(values, 99)), 1e-6) if len(values) else 1.0

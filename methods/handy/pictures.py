@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from handbench.errors import Unsupported
+from handbench.evenly import evenly
 from handbench.hand import hand_model, hand_of_poses
 from handbench.hand.known import SHIPPED
 from handbench.light.lightset import light_samples
@@ -119,9 +120,8 @@ def _is_open_hand(mesh: Mesh | None) -> bool:
 
 def _tracked(recording: Recording, most: int) -> Iterator[tuple[Camera, Observation, Light, Mesh]]:
     """At most `most` frames, spread evenly over the recording."""
-    frames = recording.frames
-    for i in np.unique(np.linspace(0, len(frames) - 1, most).round().astype(int)):
-        yield frames[i].camera, recording.observe(frames[i]), frames[i].light, needed(frames[i].mesh, "mesh")
+    for frame in evenly(recording.frames, most):
+        yield frame.camera, recording.observe(frame), frame.light, needed(frame.mesh, "mesh")
 
 
 def _shot(crop: Crop, surface: PosedSurface, light: Light, config: HandyConfig, lobe: Lobe) -> Shot:

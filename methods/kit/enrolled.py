@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from handbench.errors import Unsupported
+from handbench.evenly import evenly
 from handbench.hand import HandModel
 from handbench.hand.fitting import QUICK, Settings
 from handbench.method import Progress, Recording, silent
@@ -52,7 +51,7 @@ def enrolled(enrolment: Recording, most: int, settings: Settings = QUICK, progre
     frames = enrolment.frames
     if not frames:
         raise Unsupported("the enrolment has no frames, and a hand is sought in those; give at least one")
-    keys = {frames[i].key for i in np.linspace(0, len(frames) - 1, most).round().astype(int)}
+    keys = {frame.key for frame in evenly(frames, most)}
     found = fitted_hand(enrolment.where(lambda frame: frame.key in keys), settings, progress=progress)
     seen = ((each.frame, each.pose) for each in found.sightings)
     pictures = tuple(Seen(f.pose_key, f.camera, enrolment.observe(f), pose, f.light) for f, pose in seen)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...evenly import evenly
 from ...scene import Array
 from ..arrays import read_arrays
 from ..exr import read_exr, stack
@@ -42,7 +43,7 @@ class Difference:
 def chosen(manifest: Manifest) -> list[str]:
     """The fixed views: a few pictures, spread over the capture."""
     pictures = [name for name in files(manifest) if re.fullmatch(r"[^/]+/[^/]+/[^/]+/(?!geometry)[^/]+\.exr", name)]
-    return [pictures[i] for i in np.linspace(0, len(pictures) - 1, _VIEWS).round().astype(int)]
+    return evenly(pictures, _VIEWS)
 
 
 def thumbnail(path: Path) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...evenly import evenly
 from ...method import Progress, silent
 from ...scene import Array, Pose
 from ..handmodel import HandModel
@@ -83,7 +84,7 @@ def fit(hand: HandModel, pictures: Sequence[Picture], settings: Settings = QUICK
     if not views:
         raise Unfittable(tuple(refused.values()))
     order = sorted(views)
-    chosen = [order[k] for k in np.unique(np.linspace(0, len(order) - 1, settings.together).round().astype(int))]
+    chosen = evenly(order, settings.together)
     if (wrong := unit_problem(space, [views[i] for i in chosen])) is not None:
         raise Unfittable((wrong,))
     total = len(chosen) + len(order)

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...evenly import evenly
 from .picture import CloseUp
 from .placed import Placed
 from .single import Settings, Single, again, single
@@ -28,7 +29,7 @@ def with_mirrors(
     the sequence, what the mirror image costs in the end (infinite where nothing starts)."""
     better, costs = dict(ours), dict[int, float]()
     keys = list(ours)
-    for i in (keys[k] for k in np.unique(np.linspace(0, len(keys) - 1, most).round().astype(int))):
+    for i in evenly(keys, most):
         view, own = views[i], ours[i]
         mirror = view.mirrored()
         other = single(space, mirror, settings)

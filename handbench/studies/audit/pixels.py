@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from ...bench.isolation import isolated
 from ...bench.lending import answered
 from ...device import device_name
 from ...errors import Changed
+from ...evenly import evenly
 from ...registry import METHODS
 from ...results.record import CellRecord
 from ...scene import Array, Prediction
@@ -28,8 +28,6 @@ _REDRAWN = 3  # queries of a cell that are drawn again
 _RESCORED = 4  # queries of a cell that are scored again
 _PATIENCE = 20.0  # seconds that personalising took, above which a cell is not done again
 _NOISE, _BEYOND = 3, 6.0  # draws of rounding noise, and how many times beyond their effect a score may lie
-
-_Item = TypeVar("_Item")
 
 
 def timed(evidence: Evidence) -> tuple[bool | None, str]:
@@ -74,7 +72,7 @@ def _drawn(evidence: Evidence, cell: CellRecord, trouble: list[str]) -> dict[str
         prior = method.load(evidence.store.sound_state(cell.prior or ""))
         avatar = prior.personalise(bench.enrolment(cell.subject, method), cell.seed)
         queries = {f.key: given.asked(bench.selected, method.info, f) for _, f in bench.scored(cell.subject)}
-        chosen = _spread(scored_queries(cell), _REDRAWN)
+        chosen = evenly(scored_queries(cell), _REDRAWN)
         drawn = {key: answered(avatar.relight(queries[key])) for key in chosen}
     try:
         lender.check()
@@ -135,7 +133,7 @@ def rescored(evidence: Evidence) -> tuple[bool | None, str]:
             continue
         rng = np.random.default_rng([29, number])
         stored = {(frame.query, signature): value for frame, signature, value, _ in cell.each()}
-        for key in _spread(scored_queries(cell), _RESCORED):
+        for key in evenly(scored_queries(cell), _RESCORED):
             for signature, again in _again(evidence, cell, key, rng).items():
                 value = stored.get((key, signature))
                 if isinstance(again, str):  # no value: told by coverage, unless the store has one
@@ -186,9 +184,3 @@ def _unrounded(kept: Prediction, rng: np.random.Generator) -> Iterator[Predictio
         yield Prediction(image, alpha)
     for sign in (-1.0, 1.0):
         yield Prediction(kept.image, kept.alpha + sign * half_ulp(kept.alpha))
-
-
-def _spread(items: Sequence[_Item], count: int) -> list[_Item]:
-    """At most `count` of the items, evenly spread, first and last among them."""
-    places = np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int)
-    return [items[i] for i in places]
