@@ -28,7 +28,8 @@ class Skips:
     below_horizon   texel-light pairs below the horizon
     agreed          shadow rays of many lights at texels between others that agree
     uncovered       texels that no triangle covers
-    unseen          texels that no pixel looks up, for methods that shade texel by texel
+    unseen          texels that no pixel looks up, for methods that shade texel by texel; where a network looks at them
+                    too, shadows of an environment at most of them
     occluded        blocks of texel-light pairs that are all in shadow
     missing_lobes   the specular lobe where a model or a method has none
     outside_box     pixels outside the boxes of the hand's triangles, and rays that miss the hand's box

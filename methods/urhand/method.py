@@ -12,15 +12,17 @@ from torch import Tensor
 
 from handbench.device import device
 from handbench.errors import InputError
-from handbench.light.lightset import light_samples
+from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.render.see.raster import rasterise
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import KNOWN_LIGHTS, Camera, Light, Prediction, Viewpoint, needed
 from handbench.settings import UNCHANGED, Changes, changed
+from handbench.skips import note, skips
 
 from ..ablations import ABLATIONS
 from ..kit.picture import prediction
+from ..kit.sampling import Sampling
 from ..kit.views import visibility
 from ..kit.weights import load_state, save_state
 from ..reflectance.model import FULLY_LIT, normalised_texture
@@ -66,25 +68,41 @@ class PosedURHand(PosedAvatar):
         joints = torch.from_numpy(needed(viewpoint.pose, "pose").joints.copy()).float().to(model.device)
         self._material = model.material(self._texture, joints, self._surface)
         self._centre = viewpoint.camera.centre
+        self._sampling: Sampling | None = Sampling.of(self._surface.atlas, self._raster)
 
     def seen_by(self, camera: Camera) -> PosedAvatar:
         other = copy(self)
         other._raster, other._centre = rasterise(self._surface.mesh, camera), camera.centre
+        other._sampling = None  # shadows at all texels serve every camera
         return other
 
     @torch.no_grad()
     def relight(self, light: Light) -> Prediction:
-        model, config, surface, material = self._model, self._model.config, self._surface, self._material
+        model, config, atlas = self._model, self._model.config, self._surface.atlas
         # an encoder of environment maps sees the map itself
         error = config.environment_error if config.encoder == "features" else 0.0
         lights = light_samples(light, config.environment, environment_error=error)
-        visible = visibility(surface, lights, config.shadows)
-        maps = (material.normal, material.roughness, surface, self._centre)
+        visible = self._visible(lights)
+        maps = (self._material.normal, self._material.roughness, self._surface, self._centre)
         features = lighting.features(config, *maps, lights, visible)
-        colour, _ = model.colour(features, lights, material, self._texture, surface.atlas)
+        colour, _ = model.colour(features, lights, self._material, self._texture, atlas)
         if config.exposure and visible is not None:
             colour = colour * (lighting.power(lights, visible) / lighting.power(lights).clamp_min(1e-12))
-        return prediction(self._raster, surface.atlas.dilate(surface.atlas.scatter(colour)))
+        return prediction(self._raster, atlas.dilate(atlas.scatter(colour)))
+
+    def _visible(self, lights: LightSet) -> Tensor | None:
+        """What of each light reaches the covered texels, (L + P, N), or None without shadows.
+
+        The network looks at texels that no picture shows. Under an environment, where each light is one of many,
+        most of those have the shadows of one near them (`Sampling`, `Skips.unseen`).
+        """
+        shadows, many = self._model.config.shadows, lights.coarse is not None and bool(lights.coarse.any())
+        if self._sampling is None or not many or not skips().unseen:
+            return visibility(self._surface, lights, shadows)
+        texels, source = self._sampling.texels, self._sampling.source
+        note("texels out of sight", self._surface.atlas.count, self._surface.atlas.count - len(texels))
+        visible = visibility(self._surface, lights, shadows, texels)
+        return None if visible is None else visible[:, source.to(visible.device)]
 
 
 class URHandPrior(Prior):

@@ -20,11 +20,12 @@ from .networks import HALVINGS, EnvironmentEncoder, FeatureEncoder, NeuralBranch
 
 @dataclass(frozen=True)
 class Material:
-    """What the physical branch makes of a pose: refined unit normal (3, N), roughness (N), joint feature."""
+    """What the networks make of a pose alone: refined unit normal (3, N), roughness (N), and the maps that modulate
+    the layers of the neural branch's decoder, none without that branch."""
 
     normal: Tensor
     roughness: Tensor
-    joint: Tensor
+    modulation: list[Tensor]
 
 
 class URHandModel(nn.Module):
@@ -54,14 +55,15 @@ class URHandModel(nn.Module):
             raw_displacement, raw_roughness, joint = self.physical(
                 self._batch(texture[None]), self._batch(joints.reshape(1, -1))
             )
+            modulation = self.neural.nonlinear(joint) if self.config.neural else []
         config, atlas = self.config, posed.atlas
         low, high = config.roughness
         roughness = low + (high - low) * torch.sigmoid(atlas.gather(raw_roughness.float()[0, 0]))
         if not config.refiner:
-            return Material(posed.normal, roughness, joint)
+            return Material(posed.normal, roughness, modulation)
         # the paper's sigmoid, centred: a constant displacement only thickens the hand
         sigmoid = torch.sigmoid(atlas.gather(raw_displacement.float()[0]))
-        return Material(posed.relief.refined(config.displacement * (2.0 * sigmoid - 1.0)), roughness, joint)
+        return Material(posed.relief.refined(config.displacement * (2.0 * sigmoid - 1.0)), roughness, modulation)
 
     def physical_colour(self, features: Tensor, texture: Tensor, atlas: Atlas) -> Tensor:
         """The physical branch's own picture (3, N): C^d T + C^s (Eq. 3)."""
@@ -94,7 +96,7 @@ class URHandModel(nn.Module):
             count = 1 if torch.equal(coloured[0], coloured[1]) and torch.equal(coloured[0], coloured[2]) else 3
             inputs = atlas.dilate(atlas.scatter(coloured[:count]))
         with self._precision():
-            gain, bias, encoded = self.neural(self._batch(inputs), material.joint)
+            gain, bias, encoded = self.neural(self._batch(inputs), material.modulation)
         gain, bias = atlas.gather(gain.float()), atlas.gather(bias.float())[:, 0]
         if count == 3:
             return torch.stack([gain[i, i] for i in range(3)]), bias, encoded

@@ -176,10 +176,13 @@ class NeuralBranch(nn.Module):
         last[:3, 0, 1, 1] = 2**0.5
         last[3, 1, 1, 1] = 2**0.5 / bias_scale
 
-    def forward(self, light: Tensor, joint: Tensor) -> tuple[Tensor, Tensor, list[Tensor]]:
-        """Gain, bias and the encoder's maps (for the L1 regularisation, Eq. 9)."""
+    def forward(self, light: Tensor, modulation: list[Tensor]) -> tuple[Tensor, Tensor, list[Tensor]]:
+        """Gain, bias and the encoder's maps (for the L1 regularisation, Eq. 9).
+
+        `modulation` is what `nonlinear` answers to the joint feature: the same under every light.
+        """
         encoded = self.encoder(light)
-        maps = self.decoder(encoded, self.nonlinear(joint))
+        maps = self.decoder(encoded, modulation)
         return maps[:, :3], maps[:, 3:], [code for code in encoded if code is not None]
 
 

@@ -57,8 +57,9 @@ def test_gain_and_bias_are_linear_in_the_features() -> None:
     branch = NeuralBranch(FeatureEncoder(), False, 0.25).double()
     joint = torch.randn(1, 128, 1, 1, dtype=torch.float64)
     a, b = torch.randn(2, 1, 2, 64, 64, dtype=torch.float64)
-    together = torch.cat(branch(0.3 * a + 1.7 * b, joint)[:2], dim=1)
-    apart = 0.3 * torch.cat(branch(a, joint)[:2], dim=1) + 1.7 * torch.cat(branch(b, joint)[:2], dim=1)
+    modulation = branch.nonlinear(joint)
+    together, first, second = (torch.cat(branch(x, modulation)[:2], dim=1) for x in (0.3 * a + 1.7 * b, a, b))
+    apart = 0.3 * first + 1.7 * second
     assert (together - apart).abs().max() < 1e-12 * apart.abs().max()
     assert apart.abs().max() > 0.01  # the law is not kept by an empty answer
 

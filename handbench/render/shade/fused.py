@@ -105,7 +105,10 @@ def _over_lights(
         return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, spare)], mode) if spare else values
 
     with jax.enable_x64(True):
-        texels = [jnp.asarray(np.ascontiguousarray(filled(values.detach().numpy()))) for values in (*maps, *gradient)]
+        # arrays are handed over together: one by one takes as long as the loop over few lights
+        texels = jax.device_put(
+            [np.ascontiguousarray(filled(values.detach().numpy())) for values in (*maps, *gradient)]
+        )
         parts = [jnp.zeros((7 if gradient else 3 * RESPONSES[model], count + spare), jnp.float32)] * workers
         for start in range(0, len(where), _LIGHTS):
             some = slice(start, start + _LIGHTS)
@@ -113,7 +116,7 @@ def _over_lights(
             lit = np.ones((1, 1), dtype=bool) if seen is None else filled(_padded(seen[some]), "constant")
             reached = np.pad(reaches[:, some].sum(axis=1), rows[0])
             lamps = [_padded(where[some]), _padded(power[some]), lit, np.pad(_padded(order.T).T, rows), reached]
-            given = [jnp.asarray(values) for values in lamps]
+            given = jax.device_put(lamps)
 
             def share(worker: int, before: Any, given: list[Any] = given) -> Any:
                 with jax.enable_x64(True):
