@@ -25,7 +25,7 @@ from handbench.scene import FRAME_KINDS, Frame
 
 from .measure import Measurement, summary
 
-VIEWPOINTS = 6
+VIEWPOINTS = 4
 ROUNDS = 3
 """Of which the fastest counts."""
 
