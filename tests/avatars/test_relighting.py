@@ -144,6 +144,11 @@ def test_poses_follow_each_other(portrait: Portrait) -> None:
     assert half.joints[0, 2] == pytest.approx(0.4) and half.translation[0] == 0.5
 
 
+def test_times_are_told_as_numbers_with_their_unit() -> None:
+    told = Times([9.0, 3.0, 4.0], []).told
+    assert told == {"new_pose_ms": 4.0, "new_pose_frames": 3, "known_pose_ms": None, "known_pose_frames": 0}
+
+
 def fake(folder: Path, values: list[float]) -> Frames:
     folder.mkdir()
     frames = Frames(folder, len(values), 1)
