@@ -83,7 +83,8 @@ def method_as(entry: Entry, preset: str, config: Any) -> Method:
     if changes and "changes" in inspect.signature(entry.load()).parameters:
         made = make_method(replace(entry, changes=changes), preset)
     if _as_json(made.config) != config:
-        known, there = (dict(names_in(each)) for each in (_as_json(made.config), config if config else {}))
+        told = config if isinstance(config, Mapping) else {}
+        known, there = (dict(names_in(each)) for each in (_as_json(made.config), told))
         odd = sorted(name for name in known.keys() | there.keys() if known.get(name) != there.get(name))
         raise InputError(f"{entry.name} has other settings here ({', '.join(odd[:3])}) and cannot be given those")
     return made

@@ -73,6 +73,8 @@ def edited(kept: Path, **changes: object) -> None:
         ({"schema": 99}, "schema is 99"),
         ({"method": "physicl"}, "did you mean 'physical'"),
         ({"config": {"texture": 12}}, "other settings"),
+        ({"config": [["texture", 12]]}, "other settings"),
+        ({"config": 10**9}, "other settings"),
         ({"files": {"../../etc/passwd": "0"}}, "inside of the folder"),
         ({"views": [["rest", "nowhere"]]}, r"views\[0\]"),
         ({"cameras": [{"name": "front", "width": 10**9, "height": 3}]}, "width"),
