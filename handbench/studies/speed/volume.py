@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,22 +63,14 @@ class View:
         """Seconds of CPU that each `every`-th ray takes, and their colours."""
         posed = self.posed
         if config is not None:
-            model = _with(posed.model, config)
-            posed = posed.moved()
-            posed.model = model
+            posed, model = posed.moved(), copy(posed.model)
+            posed.model, model.config = model, config
         begin = time.process_time()
         pieces = [
             render(posed, self.origins[part], self.towards[part]).radiance(posed)
             for part in torch.arange(0, len(self.towards), every).split(_AT_ONCE)
         ]
         return time.process_time() - begin, torch.cat(pieces)
-
-
-def _with(model: PalmModel, config: Config) -> PalmModel:
-    """The same networks with another configuration."""
-    other = PalmModel.__new__(PalmModel)
-    other.__dict__ = {**model.__dict__, "config": config}
-    return other
 
 
 def textured(model: PalmModel) -> PalmModel:
