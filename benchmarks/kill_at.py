@@ -93,8 +93,8 @@ def half_weights(tensors: Any, path: Path, metadata: Any) -> None:
 REAL_SAVE = checkpoint.save_file
 MOMENTS: dict[str, Strike] = {
     "reading": struck(OpenCapture, "observe", lambda *_: die()),
-    "plan": struck(store, "_put", half_dump, lambda path, _: ".run.json." in path.name),
-    "cell": struck(store, "_put", half_dump, lambda path, _: path.parent.name == "cells"),
+    "plan": struck(store, "put", half_dump, lambda path, _: ".run.json." in path.name),
+    "cell": struck(store, "put", half_dump, lambda path, _: path.parent.name == "cells"),
     "step": struck(engine, "_step", lambda *_: die()),
     "checkpoint": struck(checkpoint, "save_file", half_weights),
     "prediction": struck(store.Store, "write_prediction", lambda *_: die()),

@@ -16,11 +16,7 @@ written outside of the folder.
 from __future__ import annotations
 
 import errno
-import hashlib
-import os
 import shutil
-import socket
-import uuid
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -37,6 +33,7 @@ from ..results.record import CellRecord, CurvePoint, PriorRecord, RunRecord
 from ..results.recordfile import dump, parse
 from ..scene import Prediction
 from .metering import Meter
+from .wholefiles import abandoned, files_in, link, part_of, put, remove, sha256
 
 _Record = TypeVar("_Record", RunRecord, CellRecord, PriorRecord)
 _PARTS = ("cells", "predictions", "priors", "checkpoints", "claims")  # of a run folder
@@ -60,7 +57,7 @@ class Store:
             self.own(self.folder / name)
         for place in self._places():
             with writing(place):
-                probe = _part(place / "probe")
+                probe = part_of(place / "probe")
                 probe.touch()
                 probe.unlink()
         self.sweep()
@@ -70,8 +67,8 @@ class Store:
         for place in self._places():
             with writing(place):
                 for path in place.glob(".*.*.*.*.tmp"):
-                    if _abandoned(path):
-                        _remove(path)
+                    if abandoned(path):
+                        remove(path)
         for path in (self.folder / "claims").glob("*"):
             with self.claim(path.name):  # what nobody has, goes with this
                 pass
@@ -132,7 +129,7 @@ class Store:
             path.parent.mkdir(parents=True, exist_ok=True)
             image, alpha = (np.clip(a, -_HALF_MAX, _HALF_MAX) for a in (prediction.image, prediction.alpha))
             write_exr(path, {**rgb(image), "A": alpha.astype(np.float16)})
-            return _sha256(path)
+            return sha256(path)
 
     def picture(self, key: str, query: str) -> Path:
         """Where a cell keeps its picture of a query."""
@@ -145,7 +142,7 @@ class Store:
     def write_light(self, name: str, content: bytes) -> None:
         """Keep the picture of a light."""
         path = self.own(self.light(name))
-        part = _part(path)
+        part = part_of(path)
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             part.write_bytes(content)
@@ -193,24 +190,24 @@ class Store:
         return checkpoints_in(self.folder / "checkpoints" / key)
 
     def remove_checkpoints(self, key: str) -> None:
-        _remove(self.folder / "checkpoints" / key)
+        remove(self.folder / "checkpoints" / key)
 
     @contextmanager
     def writing_prior(self, key: str, method: str, seed: int, config: object) -> Iterator[NewPrior]:
         """A new training, whose state goes into an empty folder; it takes its place if the block ends well."""
         target = self.folder / "priors" / key
-        part = _part(target)
+        part = part_of(target)
         new = NewPrior(part / "state")
         try:
             with writing(target):
                 new.state.mkdir(parents=True)
             yield new
             with writing(target):
-                files = {file.relative_to(new.state).as_posix(): _sha256(file) for file in _files(new.state)}
+                files = {file.relative_to(new.state).as_posix(): sha256(file) for file in files_in(new.state)}
                 about = (method, seed, new.train_s, files, new.curve)
                 taken = (new.meter.peak_mb, new.meter.vram_mb, new.meter.energy_j)
                 record = PriorRecord(*about, *taken, config)
-                _put(part / "train.json", dump(record))
+                put(part / "train.json", dump(record))
                 if self.prior(key) is None:  # absent or damaged: not yet brought in by another process
                     shutil.rmtree(target, ignore_errors=True)
                     try:
@@ -219,7 +216,7 @@ class Store:
                         if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                             raise
         finally:
-            _remove(part)
+            remove(part)
 
     def adopt_cell(self, other: Store, cell: CellRecord) -> bool:
         """Take a finished cell of another folder, pictures first; False if one of them is not there as it was kept."""
@@ -232,7 +229,7 @@ class Store:
         for source, target in pictures:
             with writing(target):
                 target.parent.mkdir(parents=True, exist_ok=True)
-                _link(source, self.own(target))
+                link(source, self.own(target))
         self.write_cell(cell)
         return True
 
@@ -255,7 +252,7 @@ class Store:
             target = self.own(self.picture(key, query))
             with writing(target):
                 target.parent.mkdir(parents=True, exist_ok=True)
-                _link(self.picture(cell.key, query), target)
+                link(self.picture(cell.key, query), target)
 
     def adopt_prior(self, other: Store, key: str) -> bool:
         """Take a training of another folder; False if it has none that is whole."""
@@ -271,7 +268,7 @@ class Store:
             new.meter = Meter(record.peak_mb, record.vram_mb, record.energy_j)
             for name in record.files:
                 (new.state / name).parent.mkdir(parents=True, exist_ok=True)
-                _link(state / name, new.state / name)
+                link(state / name, new.state / name)
         return True
 
     def own(self, path: Path) -> Path:
@@ -288,20 +285,20 @@ class Store:
 
     def _write(self, path: Path, record: RunRecord | CellRecord) -> None:
         text = dump(record)
-        part = _part(self.own(path))
+        part = part_of(self.own(path))
         with writing(path):
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                _put(part, text)
+                put(part, text)
                 part.replace(path)
             finally:
-                _remove(part)
+                remove(part)
 
     def _check(self, path: Path, digest: str, remedy: str) -> None:
         """Whether a file is what was written; records of version 1 cannot tell."""
         if not self.own(path).is_file():
             raise Damaged(f"{path} is not there or no file; {remedy}")
-        if digest and _sha256(path) != digest:
+        if digest and sha256(path) != digest:
             raise Damaged(f"{path} is damaged: it was changed after it was written; {remedy}")
 
 
@@ -320,62 +317,3 @@ def _unless_damaged(read: Callable[[], _Record | None]) -> _Record | None:
         return read()
     except Damaged:  # by something else than us: computed again
         return None
-
-
-def _link(source: Path, target: Path) -> None:
-    """Make `target` the file that `source` is, or a copy of it where the disk has no such links."""
-    part = _part(target)
-    try:
-        try:
-            os.link(source, part)
-        except OSError:
-            shutil.copyfile(source, part)
-        part.replace(target)
-    finally:
-        _remove(part)
-
-
-def _files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file())
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _put(path: Path, text: str) -> None:
-    with path.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _part(path: Path) -> Path:
-    """A name beside `path` that says which process writes it."""
-    return path.with_name(f".{path.name}.{_host()}.{os.getpid()}.{uuid.uuid4().hex[:8]}.tmp")
-
-
-def _abandoned(part: Path) -> bool:
-    """Whether a temporary file's process lived on this machine and is gone."""
-    _, host, pid, *_ = part.name.rsplit(".", 4)
-    if host != _host() or not pid.isdigit():
-        return False
-    try:
-        os.kill(int(pid), 0)
-    except ProcessLookupError:
-        return True
-    except OSError:
-        return False
-    return False
-
-
-def _host() -> str:
-    return socket.gethostname().replace(".", "-")
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)

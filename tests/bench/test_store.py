@@ -99,10 +99,11 @@ def test_a_read_only_folder(fakes, toy_protocol, tmp_path):
 def test_what_a_killed_process_left_is_removed_and_a_living_ones_is_not(tmp_path):
     script = (
         "import os, sys, pathlib\n"
-        "from handbench.bench.store import Store, _part\n"
+        "from handbench.bench.store import Store\n"
+        "from handbench.bench.wholefiles import part_of\n"
         "root = pathlib.Path(sys.argv[1])\n"
         "(root / 'cells').mkdir(); (root / 'priors').mkdir()\n"
-        "_part(root / 'cells' / 'a.json').write_text('{')\n"
+        "part_of(root / 'cells' / 'a.json').write_text('{')\n"
         "with Store(root).writing_prior('p', 'm', 0, {}) as new:\n"
         "    (new.state / 'weights').write_text('half')\n"
         "    os._exit(9)\n"
