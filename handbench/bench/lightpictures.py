@@ -22,10 +22,11 @@ _BRIGHT, _SHOWN = 0.9, 0.8  # this share of an environment is darker than what i
 _NIGHT = 0.09  # what is shown where no light comes from, in sRGB
 
 
-def panorama(light: Light, centre: Array) -> Array | None:
-    """What is seen from a point (3,) of the world, (HEIGHT, WIDTH, 3) in sRGB; None of a light that is not known.
+def panorama(light: Light, centre: Array | None) -> Array | None:
+    """What is seen from a point (3,) of the world, (HEIGHT, WIDTH, 3) in sRGB.
 
-    The brightest lamp is white; an environment is exposed by itself, and what is brighter than white is white.
+    None of a light that is not known, and of a near one where the point is not known. The brightest lamp is white; an
+    environment is exposed by itself, and what is brighter than white is white.
     """
     radiance, around = np.zeros((HEIGHT, WIDTH, 3)), False
     for single in leaves(light):
@@ -37,6 +38,8 @@ def panorama(light: Light, centre: Array) -> Array | None:
             case Directional():
                 radiance += _disc(single.direction) * (single.irradiance / _DISC)
             case Point():
+                if centre is None:
+                    return None
                 away = single.position - centre
                 distance = max(float(np.linalg.norm(away)), 1e-6)
                 radiance += _disc(away / distance) * (single.intensity / distance**2 / _DISC)
@@ -48,13 +51,15 @@ def panorama(light: Light, centre: Array) -> Array | None:
 
 def light_pictures(frames: Iterable[Frame]) -> Iterator[tuple[str, bytes]]:
     """Names and PNG files: one of a lighting, under its name, or one a frame, under its key, where frames of a lighting
-    are lit otherwise. Frames whose light is not known, or whose pose cannot be read, have none."""
-    drawn: dict[int, bytes | None] = {}
+    are lit otherwise. Frames whose light or place is not known, or whose pose cannot be read, have none."""
+    drawn: dict[tuple[int, str], bytes | None] = {}
     found: dict[str, dict[str, bytes]] = {}
     for frame in frames:
-        if id(frame.light) not in drawn:
-            drawn[id(frame.light)] = _drawn(frame)
-        if (content := drawn[id(frame.light)]) is not None:
+        near = any(isinstance(leaf, Point) for leaf in leaves(frame.light))  # it looks otherwise from another place
+        seen = id(frame.light), frame.pose_key if near else ""
+        if seen not in drawn:
+            drawn[seen] = _drawn(frame)
+        if (content := drawn[seen]) is not None:
             found.setdefault(frame.lighting, {})[frame.key] = content
     for lighting, of_frames in found.items():
         if len(set(of_frames.values())) == 1:
@@ -69,7 +74,7 @@ def _drawn(frame: Frame) -> bytes | None:
     from PIL import Image
 
     try:
-        picture = panorama(frame.light, frame.pose.translation)
+        picture = panorama(frame.light, _place(frame))
     except HandbenchError:
         return None
     if picture is None:
@@ -77,6 +82,13 @@ def _drawn(frame: Frame) -> bytes | None:
     out = io.BytesIO()
     Image.fromarray(np.round(255 * picture).astype(np.uint8)).save(out, "PNG", optimize=True)
     return out.getvalue()
+
+
+def _place(frame: Frame) -> Array | None:
+    """Where the hand is, (3,) in the world, if its frame tells."""
+    if frame.pose is not None:
+        return frame.pose.translation
+    return None if frame.mesh is None else frame.mesh.vertices.mean(axis=0)
 
 
 def _disc(direction: Array) -> Array:

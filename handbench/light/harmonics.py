@@ -23,7 +23,8 @@ def harmonics(directions: Array, degree: int) -> Array:
 
     Raises `InputError` for a degree that is not 0 to 3.
     """
-    return np.stack(harmonics_of(*np.moveaxis(np.asarray(directions), -1, 0), degree), axis=-1)
+    x, y, z = np.moveaxis(np.asarray(directions), -1, 0)
+    return np.stack(harmonics_of(x, y, z, degree), axis=-1)
 
 
 def harmonics_of(x: Any, y: Any, z: Any, degree: int) -> list[Any]:

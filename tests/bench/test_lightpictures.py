@@ -56,3 +56,16 @@ def test_lightings_share_a_picture_unless_frames_of_one_are_lit_otherwise():
     found = dict(light_pictures([other, *same]))
     assert set(found) == {other.key, same[0].key}
     assert Image.open(io.BytesIO(found[other.key])).size == (WIDTH, HEIGHT)
+
+
+def test_a_near_lamp_is_drawn_from_where_the_hand_is_if_that_is_known():
+    frame, *_ = CAPTURES.load("openstage")("mini").frames()
+    lamp = Point(frame.pose.translation + np.array([0.0, 0.3, 0.0]), np.ones(3))
+    there = replace(frame, lighting="lamp", light=lamp)
+    moved = replace(frame.pose, translation=frame.pose.translation + np.array([0.3, 0.3, 0.0]))
+    elsewhere = replace(there, pose_name="elsewhere", pose=moved)
+    found = dict(light_pictures([there, elsewhere]))
+    assert found.keys() == {there.key, elsewhere.key} and found[there.key] != found[elsewhere.key]
+    nowhere = replace(there, pose=None, mesh=None)
+    assert dict(light_pictures([nowhere])) == {}, "nobody knows where the lamp is seen"
+    assert len(dict(light_pictures([replace(nowhere, light=Directional(UP_RIGHT, np.ones(3)))]))) == 1
