@@ -36,6 +36,14 @@ class LightSet:
     def __len__(self) -> int:
         return len(self.directions) + len(self.positions)
 
+    def only(self, distant: Array, near: Array | None = None) -> LightSet:
+        """The distant lights (L,) bool and the near ones (P,) bool that are chosen; None: all near ones."""
+        chosen = slice(None) if near is None else near
+        coarse = None if self.coarse is None else self.coarse[distant]
+        return LightSet(
+            self.directions[distant], self.irradiance[distant], self.positions[chosen], self.intensities[chosen], coarse
+        )
+
 
 def light_samples(
     light: Light,
@@ -70,25 +78,12 @@ def light_samples(
                 assert_never(leaf)
     found = LightSet(*_joined(distant), *_joined(near), np.concatenate([np.zeros(0, dtype=bool), *coarse]))
     if skips().dark_lights:
-        lit = _kept(found, np.asarray(found.irradiance.any(axis=1)), np.asarray(found.intensities.any(axis=1)))
+        lit = found.only(np.asarray(found.irradiance.any(axis=1)), np.asarray(found.intensities.any(axis=1)))
         note("lights", len(found), len(found) - len(lit))
         found = lit
     if skips().faint_lights > 0.0:
-        found = _kept(found, _not_faint(found.irradiance, skips().faint_lights))
+        found = found.only(_not_faint(found.irradiance, skips().faint_lights))
     return found
-
-
-def _kept(lights: LightSet, distant: Array, near: Array | None = None) -> LightSet:
-    """The distant lights (L,) bool and the near ones (P,) bool that are chosen; None: all near ones."""
-    assert lights.coarse is not None
-    chosen = slice(None) if near is None else near
-    return LightSet(
-        lights.directions[distant],
-        lights.irradiance[distant],
-        lights.positions[chosen],
-        lights.intensities[chosen],
-        lights.coarse[distant],
-    )
 
 
 def _environment(leaf: Environment, size: tuple[int, int], lights: int | None, error: float) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -93,16 +94,26 @@ class PosedURHand(PosedAvatar):
     def _visible(self, lights: LightSet) -> Tensor | None:
         """What of each light reaches the covered texels, (L + P, N), or None without shadows.
 
-        The network looks at texels that no picture shows. Under an environment, where each light is one of many,
-        most of those have the shadows of one near them (`Sampling`, `Skips.unseen`).
+        The network looks at texels that no picture shows. Under lights that each stand for a cell of an environment
+        most of those have the shadows of one near them (`Sampling`, `Skips.unseen`). Which lights these are does not
+        depend on the others, so answers stay linear in light.
         """
-        shadows, many = self._model.config.shadows, lights.coarse is not None and bool(lights.coarse.any())
-        if self._sampling is None or not many or not skips().unseen:
+        shadows, coarse = self._model.config.shadows, lights.coarse
+        if self._sampling is None or coarse is None or not coarse.any() or not skips().unseen:
             return visibility(self._surface, lights, shadows)
         texels, source = self._sampling.texels, self._sampling.source
         note("texels out of sight", self._surface.atlas.count, self._surface.atlas.count - len(texels))
-        visible = visibility(self._surface, lights, shadows, texels)
-        return None if visible is None else visible[:, source.to(visible.device)]
+        sharp = visibility(self._surface, lights.only(~coarse), shadows)
+        soft = visibility(
+            self._surface, lights.only(coarse, np.zeros(len(lights.positions), dtype=bool)), shadows, texels
+        )
+        if sharp is None or soft is None:
+            return None
+        cells = torch.zeros(len(lights), dtype=torch.bool)
+        cells[: len(coarse)] = torch.from_numpy(coarse)
+        visible = sharp.new_empty(len(lights), sharp.shape[1])
+        visible[cells], visible[~cells] = soft[:, source.to(soft.device)], sharp
+        return visible
 
 
 class URHandPrior(Prior):

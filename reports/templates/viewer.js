@@ -40,9 +40,12 @@ if (root) {
     }
     const lamp = get(".lamp");
     lamp.hidden = frame.lamp === null;
+    lamp.querySelector("img")?.remove();
     if (!lamp.hidden) {
-      lamp.querySelector("img").src = `data:image/png;base64,${data.lamps[frame.lamp]}`;
-      lamp.querySelector("img").alt = `Light ${frame.light}, as seen from the hand`;
+      const picture = new Image(128, 64);
+      picture.src = `data:image/png;base64,${data.lamps[frame.lamp]}`;
+      picture.alt = `Light ${frame.light}, as seen from the hand`;
+      lamp.prepend(picture);
     }
     get(".place").value = `${pool().indexOf(frame) + 1} of ${pool().length}`;
   }
