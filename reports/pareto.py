@@ -202,13 +202,13 @@ def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
             left_out.append(f"{row.title}: {'not told' if time == 'memory' else 'no time'}")
         else:
             kind: Kind = "calibration" if row.kind == "calibration" else "beaten" if cell.complete else "gap"
-            about = {"low": cell.low, "high": cell.high, "number": place * crowded}
-            points.append(Point(row.title, cost, cell.value, kind, row.enrolment, **about))
+            known = Point(row.title, cost, cell.value, kind, row.enrolment, number=place * crowded)
+            points.append(replace(known, low=cell.low, high=cell.high))
     points, far = _in_sight(points)
     empty = Plot(group, metric, time, (), ())
     for point in far:
-        place = f"{number(point.score, metric.decimals)} {metric.unit}".strip()
-        left_out.append(f"{point.title}: off the scale at {shown(empty, point.seconds)}, {place}")
+        score = f"{number(point.score, metric.decimals)} {metric.unit}".strip()
+        left_out.append(f"{point.title}: off the scale at {shown(empty, point.seconds)}, {score}")
     mixed = len({point.enrolment for point in points if point.kind != "calibration"}) > 1
     ordered: list[Point] = []
     best = -math.inf

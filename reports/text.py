@@ -148,10 +148,10 @@ def _markdown(table: Table, style: Style) -> Iterator[str]:
             yield _line([_title(row), *cost_texts(row, table.timed_kind)])
     if style.times is not False and table.footprints:
         yield "\n## Memory, sizes and energy\n"
-        titles, rows = memory_table(table)
-        yield from _pipes(["Method", *titles])
-        for row, texts in rows:
-            yield _line([_title(row), *texts])
+        heads, rows = memory_table(table)
+        yield from _pipes(["Method", *heads])
+        for row, told in rows:
+            yield _line([_title(row), *told])
     if table.agreements:
         yield "\n## Order of methods beside the published one\n"
     for agreement in table.agreements:

@@ -70,6 +70,7 @@ class Conditioned(nn.Module):
 
     def forward(self, x: Tensor, code: Tensor) -> Tensor:
         first, *rest = self.layers
+        assert isinstance(first, nn.Linear)
         weight = first.weight if self.modulation is None else first.weight + self.modulation(code)
         x = nn.functional.linear(x, weight, first.bias) + self.code(code)
         for layer in rest:
@@ -136,7 +137,8 @@ class RadianceField(nn.Module):
         self.network = Conditioned(inputs, code, hidden, 3, nn.ReLU(), modulated)
 
     def forward(self, x: Tensor, feature: Tensor, reflected: Tensor, normal: Tensor, code: Tensor) -> Tensor:
-        directions = torch.stack(harmonics_of(*reflected.unbind(1), _DEGREE), dim=1)
+        x_axis, y_axis, z_axis = reflected.unbind(1)
+        directions = torch.stack(harmonics_of(x_axis, y_axis, z_axis, _DEGREE), dim=1)
         inputs = [self.encoding(x), feature, directions, normal]
         return torch.sigmoid(self.network(torch.cat(inputs, dim=1), code))
 

@@ -81,7 +81,7 @@ def gathered(height: int, repeats: int, progress: Progress = silent) -> tuple[Pa
     """
     mesh = posed("rest")
     where, occluder = places(mesh, camera(height)), MeshOccluder(mesh)
-    found = []
+    found: list[Part] = []
     for done, (name, title) in enumerate(MAPS.items(), start=1):
         found += _under(resize(environment(name, 64), 16, 32), title, where, occluder, repeats)
         progress(done, len(MAPS))

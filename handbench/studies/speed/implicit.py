@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from ...method import Progress, silent
@@ -61,10 +62,11 @@ def _rows(skin: fields.Skin, quick: bool) -> Scaling:
     return _growth("rows", "Rows of the tables, a step of training", sizes, seconds)
 
 
-def _repeated(view: View, model: PalmModel, **changed: int) -> tuple[float, ...]:
-    config = replace(model.config, **changed)
+def _repeated(view: View, model: PalmModel, samples: int | None = None) -> tuple[float, ...]:
+    """Seconds of two drawings; None for as many samples a ray as the model has."""
+    config = model.config if samples is None else replace(model.config, samples=samples)
     return tuple(view.drawn(config=config)[0] for _ in range(2))
 
 
-def _growth(axis: str, title: str, sizes: tuple[int, ...], seconds: list[tuple[float, ...]]) -> Scaling:
+def _growth(axis: str, title: str, sizes: tuple[int, ...], seconds: Sequence[tuple[float, ...]]) -> Scaling:
     return Scaling(axis, title, sizes, tuple(seconds), fit(sizes, [min(times) for times in seconds]))
