@@ -5,6 +5,7 @@ import os
 import signal
 import tempfile
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -36,3 +37,18 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HANDBENCH_DATA", str(tmp_path_factory.mktemp("cache")))
         yield
+
+
+@pytest.fixture(scope="module")
+def mano(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """The right hand of the user's MANO files if HANDBENCH_MANO names them, else of synthetic ones."""
+    import syntheticmano
+
+    from handbench.hand import hand_model
+
+    with pytest.MonkeyPatch.context() as patch:
+        if "HANDBENCH_MANO" not in os.environ:
+            patch.setenv("HANDBENCH_MANO", str(syntheticmano.write(tmp_path_factory.mktemp("mano"))))
+        hand_model.cache_clear()
+        yield hand_model("mano-right")
+    hand_model.cache_clear()

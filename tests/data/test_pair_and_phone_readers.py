@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ import numpy as np
 import pairlookalike
 import phonelookalike
 import pytest
-import syntheticmano
 from lookalikes import CAMERAS, under
 from PIL import Image
 
@@ -33,14 +31,7 @@ from handbench.scene import Mesh, Unknown
 STAGE = open_capture("mini")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def mano(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    with pytest.MonkeyPatch.context() as patch:
-        if "HANDBENCH_MANO" not in os.environ:
-            patch.setenv("HANDBENCH_MANO", str(syntheticmano.write(tmp_path_factory.mktemp("mano"))))
-        hand_model.cache_clear()
-        yield hand_model("mano-right")
-    hand_model.cache_clear()
+pytestmark = pytest.mark.usefixtures("mano")
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,11 @@ import shutil
 import time
 import tracemalloc
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import syntheticmano
 from lookalikes import CAMERAS, FRAMES, under, write_dataset_palm, write_goliath, write_harp, write_interhand
 
 from handbench.data.capture import open_capture as by_name
@@ -36,14 +34,7 @@ from handbench.scene import Group, Point, Unknown
 STAGE = open_capture("mini")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def mano(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    with pytest.MonkeyPatch.context() as patch:
-        if "HANDBENCH_MANO" not in os.environ:
-            patch.setenv("HANDBENCH_MANO", str(syntheticmano.write(tmp_path_factory.mktemp("mano"))))
-        hand_model.cache_clear()
-        yield hand_model("mano-right")
-    hand_model.cache_clear()
+pytestmark = pytest.mark.usefixtures("mano")
 
 
 @pytest.fixture(scope="module")

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import phonelookalike
-import pytest
-import syntheticmano
 from lookalikes import write_goliath, write_harp, write_palm
 
 from handbench.bench import given
@@ -23,23 +19,12 @@ from handbench.data.readers.harp import Harp
 from handbench.data.readers.interhand import InterHand
 from handbench.data.readers.uhm import Uhm
 from handbench.data.together import Together
-from handbench.hand import hand_model
 from handbench.protocols import parse
 from handbench.registry import METHODS
 from handbench.scene import Unknown
 
 FOLDER = Path(__file__).parents[2] / "protocols"
 STAGE = open_capture("mini")
-
-
-@pytest.fixture(scope="module")
-def mano(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    with pytest.MonkeyPatch.context() as patch:
-        if "HANDBENCH_MANO" not in os.environ:
-            patch.setenv("HANDBENCH_MANO", str(syntheticmano.write(tmp_path_factory.mktemp("mano"))))
-        hand_model.cache_clear()
-        yield hand_model("mano-right")
-    hand_model.cache_clear()
 
 
 def selected(name: str, capture: Capture, **changes: Any) -> Any:
