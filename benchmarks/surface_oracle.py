@@ -15,15 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.bench.protocol import Selected, resolve
+from handbench.bench.protocol import resolve
 from handbench.bench.run import find_protocol
 from handbench.data.openstage import open_capture, preset
 from handbench.data.openstage.performance import Maker, traced
 from handbench.data.openstage.plans import production
 from handbench.data.openstage.production import Production
 from handbench.data.openstage.trace.pathtrace import PathTracer
+from handbench.evenly import evenly
 from handbench.metrics import Pair, metric, scores
-from handbench.scene import Array, Frame, Prediction
+from handbench.scene import Array, Frame, Prediction, needed
 from handbench.scene.colour import srgb
 
 
@@ -44,14 +45,6 @@ def pictures(plan: Production, frames: list[Frame], scattering: bool) -> Iterato
         yield from zip(seen, tracer.render(surface, seen[0].camera, lights, plan.preset.spp, seed=0), strict=True)
 
 
-def some(selected: Selected, count: int) -> dict[str, list[Frame]]:
-    """At most `count` frames of each column, spread evenly."""
-    chosen = {}
-    for name, frames in selected.scored.items():
-        chosen[name] = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, count).round().astype(int))]
-    return chosen
-
-
 def in_the_dark(pair: Pair) -> float:
     """The share of the squared error that lies in the darker half of the hand's pixels."""
     on = np.asarray(pair.mask) > 0.5
@@ -69,16 +62,16 @@ def main() -> None:
     protocol = find_protocol(arguments.protocol)
     capture, plan = open_capture(protocol.size), production(preset(protocol.size))
     metrics = {spec: metric(spec) for spec in protocol.metrics}
-    for column, frames in some(resolve(protocol, capture.frames()), arguments.frames).items():
+    for column, frames in resolve(protocol, capture.frames()).scored.items():
         pairs = []
-        for frame, image in pictures(plan, frames, arguments.scattering):
+        for frame, image in pictures(plan, evenly(frames, arguments.frames), arguments.scattering):
             truth = capture.observe(frame)
-            pairs.append(Pair.of(Prediction(image.astype(np.float32), truth.alpha), truth))
+            pairs.append(Pair.of(Prediction(image.astype(np.float32), needed(truth.alpha, "alpha")), truth))
         found = np.array([[score.value for score in row] for row in scores(list(metrics.values()), pairs)])
         told = ", ".join(f"{spec} {value:.4g}" for spec, value in zip(metrics, found.mean(axis=0), strict=True))
-        lowest = f"psnr of a frame {found[:, 0].min():.4g} to {found[:, 0].max():.4g}"
+        span = f"psnr of a frame {found[:, 0].min():.4g} to {found[:, 0].max():.4g}"
         dark = np.median([in_the_dark(pair) for pair in pairs])
-        print(f"{column}: {told}; {lowest}; {dark:.0%} in the dark; {len(pairs)} frames", flush=True)
+        print(f"{column}: {told}; {span}; {dark:.0%} in the dark; {len(pairs)} frames", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
-from handbench.light.environment import directions
+from handbench.light.environment import directions, texels
 
 _ALIKE = 12.0
 """How fast surfaces whose normals differ stop telling of each other's shadow: half at 19 degrees."""
 
 _USUAL = 0.01
 """What the mean shadow weighs, of all that is seen: where no picture showed a normal, it decides."""
+
+_SIZE = (32, 64)
+"""Rows and columns of the table of shadows by normal: cells of 6 degrees, a third of what the kernel blurs."""
 
 
 class Shadowing:
@@ -24,19 +29,29 @@ class Shadowing:
 
     def __init__(self, shadows: Tensor, normals: Tensor, seen: Tensor) -> None:
         self._normals, self._seen = normals, seen.float() + 1e-3
-        self._towards = torch.from_numpy(directions(16, 32).reshape(-1, 3)).float()
-        near = (normals.reshape(-1, 3) @ self._towards.T).argmax(dim=1)
-        weight = seen.reshape(-1).float()
-        empty = torch.zeros(len(self._towards))
-        self._weight = empty.index_add(0, near, weight)
-        self._total = empty.index_add(0, near, weight * shadows.reshape(-1))
-        self._usual = _USUAL * weight.sum().clamp_min(1.0)
-        self._mean = self._total.sum() / weight.sum().clamp_min(1.0)
-        self._own = shadows - torch.stack([self._by_normal(each) for each in normals])
+        towards = torch.from_numpy(directions(*_SIZE).reshape(-1, 3)).float()
+        row, column = texels(normals.reshape(-1, 3).numpy(), *_SIZE)
+        near, weight = torch.from_numpy(row * _SIZE[1] + column), seen.reshape(-1).float()
+        empty = torch.zeros(len(towards))
+        weights = empty.index_add(0, near, weight)
+        total = empty.index_add(0, near, weight * shadows.reshape(-1))
+        everything = weight.sum().clamp_min(1.0)
+        usual, mean = _USUAL * everything, total.sum() / everything
+        alike = torch.exp(_ALIKE * (towards @ towards.T - 1.0))
+        table = ((alike @ total + usual * mean) / (alike @ weights + usual)).reshape(_SIZE)
+        self._table = torch.cat([table[:, -1:], table, table[:, :1]], dim=1)  # columns go around
+        self._own = shadows - self._by_normal(normals)
 
     def _by_normal(self, normal: Tensor) -> Tensor:
-        alike = torch.exp(_ALIKE * (normal @ self._towards.T - 1.0))
-        return (alike @ self._total + self._usual * self._mean) / (alike @ self._weight + self._usual)
+        """The table's values (...) at unit normals (..., 3), between its cells."""
+        x, y, z = normal.unbind(-1)
+        across = torch.atan2(x, -z) / (2.0 * math.pi) % 1.0 * _SIZE[1] + 1.0
+        down = torch.acos(y.clamp(-1.0, 1.0)) / math.pi
+        place = torch.stack([2.0 * across / (_SIZE[1] + 2.0) - 1.0, 2.0 * down - 1.0], dim=-1).reshape(1, 1, -1, 2)
+        found = torch.nn.functional.grid_sample(
+            self._table[None, None], place, padding_mode="border", align_corners=False
+        )
+        return found.reshape(normal.shape[:-1])
 
     def at(self, normal: Tensor, texels: Tensor) -> Tensor:
         """The shadows (n,) in [0, 1] of texels (n,) whose normals (n, 3) a new pose turned."""

@@ -361,6 +361,16 @@ def test_shadows_of_new_poses_go_by_the_normal_and_keep_what_is_the_texels_own()
     truth = 0.5 + 0.3 * turned[:, 2] + own[shown]
     off, stuck = (part - truth for part in (shadowing.at(turned, shown), (of_light + own)[0, shown]))
     assert float(off.abs().mean()) < 0.06 < 0.1 < float(stuck.abs().mean())  # the kernel blurs 19 degrees
+    shadows, usual = (of_light + own)[0, shown], 0.01 * len(shown)
+
+    def plainly(normal: torch.Tensor) -> torch.Tensor:
+        """The kernel at all texels, no table."""
+        alike = torch.exp(12.0 * (normal @ normals[0, shown].T - 1.0))
+        return (alike @ shadows + usual * shadows.mean()) / (alike.sum(dim=1) + usual)
+
+    few = shown[:200]
+    told = shadowing.at(turned[:200], few) - shadowing.at(normals[0, few], few)
+    assert float((told - plainly(turned[:200]) + plainly(normals[0, few])).abs().max()) < 0.01
     away = torch.tensor([[0.0, 0.0, -1.0]])  # no picture showed such a normal: the mean, not what the others point to
     assert abs(float(shadowing.at(away, shown[1:2])) - float((of_light + own)[seen].mean())) < 0.1
 
