@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import torch
 
 from handbench.errors import Unsupported, unknown_name
-from handbench.light.harmonics import cosine_lobe, harmonics
+from handbench.light.harmonics import cosine_lobe, harmonics, turned
 from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Progress, Recording, silent
 from handbench.render.see.posedmesh import PosedMesh
@@ -28,8 +28,6 @@ from handbench.settings import UNCHANGED, Changes, changed
 
 from .kit.picture import prediction
 from .kit.untaught import Untaught
-
-_TOGETHER = 16  # lights at a time: bounds memory
 
 
 @dataclass(frozen=True)
@@ -56,13 +54,14 @@ INFO = MethodInfo(
 @dataclass(frozen=True)
 class Frames:
     """Positions (N, 3) of the texels of a posed mesh, and in each an orthonormal frame (N, 3, 3) that turns with the
-    surface: rows tangent, bitangent, normal."""
+    surface: rows tangent, bitangent, normal. Light is told in harmonics up to a degree."""
 
     position: Array
     axes: Array
+    degree: int
 
     @staticmethod
-    def of(mesh: PosedMesh, atlas: Atlas) -> Frames:
+    def of(mesh: PosedMesh, atlas: Atlas, degree: int) -> Frames:
         normal = unit_rows(atlas.interpolate(mesh.normals))
         uvs, uv_faces = mesh.topology.unwrapped
         corners, places = mesh.vertices[mesh.topology.faces[atlas.face]], uvs[uv_faces[atlas.face]]
@@ -73,22 +72,25 @@ class Frames:
         along = side[:, None] * (a * v[:, 1:] - b * u[:, 1:])
         tangent = unit_rows(along - (along * normal).sum(axis=1, keepdims=True) * normal)
         axes = np.stack([tangent, np.cross(normal, tangent), normal], axis=1)
-        return Frames(atlas.interpolate(mesh.vertices), axes)
+        return Frames(atlas.interpolate(mesh.vertices), axes, degree)
 
-    def light(self, lights: LightSet, degree: int) -> Array:
-        """The harmonics (N, K, 3) of lights as each texel sees them, in its own frame."""
-        count = (degree + 1) ** 2
-        found = np.zeros((len(self.position), count, 3))
-        for first in range(0, len(lights.directions), _TOGETHER):
-            some = slice(first, first + _TOGETHER)
-            local = np.einsum("nij,lj->nli", self.axes, lights.directions[some])
-            found += np.einsum("nlk,lc->nkc", harmonics(local, degree), lights.irradiance[some])
+    def light(self, lights: LightSet) -> Array:
+        """The harmonics (N, K, 3) of lights as each texel sees them, in its own frame.
+
+        Distant lights are the same for all texels: their sum is turned into each frame, however many they are.
+        """
+        distant = harmonics(lights.directions, self.degree).T @ lights.irradiance
+        found = np.concatenate([turn @ distant[d * d : (d + 1) ** 2] for d, turn in enumerate(self._turned)], axis=1)
         for place, intensity in zip(lights.positions, lights.intensities, strict=True):
             towards = place - self.position
             far2 = np.maximum((towards**2).sum(axis=1), 1e-8)
             local = np.einsum("nij,nj->ni", self.axes, towards / np.sqrt(far2)[:, None])
-            found += harmonics(local, degree)[..., None] * (intensity / far2[:, None])[:, None, :]
+            found += harmonics(local, self.degree)[..., None] * (intensity / far2[:, None])[:, None, :]
         return found
+
+    @cached_property
+    def _turned(self) -> list[Array]:
+        return turned(self.axes, self.degree)
 
 
 class TransferAvatar(Avatar):
@@ -112,14 +114,14 @@ class PosedTransfer(PosedAvatar):
     ) -> None:
         self._transfer, self._config, self._mesh = transfer, config, mesh
         self._atlas = Atlas.of(mesh.topology, config.texture)
-        self._frames = frames or Frames.of(mesh, self._atlas)
+        self._frames = frames or Frames.of(mesh, self._atlas, config.degree)
         self._raster = rasterise(mesh, camera)
 
     def seen_by(self, camera: Camera) -> PosedAvatar:
         return PosedTransfer(self._transfer, self._config, self._mesh, camera, self._frames)
 
     def relight(self, light: Light) -> Prediction:
-        seen = self._frames.light(light_samples(light), self._config.degree)
+        seen = self._frames.light(light_samples(light))
         colour = torch.from_numpy(np.einsum("nkc,nkc->cn", self._transfer, seen)).float()
         return prediction(self._raster, self._atlas.dilate(self._atlas.scatter(colour)))
 
@@ -170,10 +172,15 @@ def _pictures(
     for step, frame in enumerate(sorted(frames, key=lambda frame: frame.pose_key), start=1):
         if surface is None or frame.pose_key != pose:
             posed = PosedMesh.of(needed(frame.mesh, "mesh"))
-            pose, surface, axes, lit = frame.pose_key, TexelSurface.of(posed, atlas), Frames.of(posed, atlas), {}
+            pose, surface, axes, lit = (
+                frame.pose_key,
+                TexelSurface.of(posed, atlas),
+                Frames.of(posed, atlas, config.degree),
+                {},
+            )
         assert axes is not None
         if frame.lighting not in lit:
-            lit[frame.lighting] = axes.light(light_samples(frame.light), config.degree)
+            lit[frame.lighting] = axes.light(light_samples(frame.light))
         seen = recording.observe(frame)
         shown = surface.project(frame.camera, seen.image, needed(seen.alpha, "alpha"))
         yield shown.weight, lit[frame.lighting], shown.colour

@@ -16,6 +16,7 @@ from ..scene import Array
 
 HIGHEST = 3
 _LOBE = (math.pi, 2.0 * math.pi / 3.0, math.pi / 4.0, 0.0)  # the clamped cosine, degree by degree
+_KNOWN = 12  # directions, more than the highest degree has functions
 
 
 def harmonics(directions: Array, degree: int) -> Array:
@@ -48,6 +49,22 @@ def harmonics_of(x: Any, y: Any, z: Any, degree: int) -> list[Any]:
         rows += [a * y * (3 * x * x - y * y), c * x * y * z, b * y * (5 * z * z - 1), d * z * (5 * z * z - 3)]
         rows += [b * x * (5 * z * z - 1), 0.5 * c * z * (x * x - y * y), a * x * (x * x - 3 * y * y)]
     return rows
+
+
+def turned(axes: Array, degree: int) -> list[Array]:
+    """What turning does to the functions of each degree d, (N, 2 d + 1, 2 d + 1), for axes (N, 3, 3) whose rows are
+    orthonormal: of a direction in those axes they are these matrices times those of the direction itself.
+
+    A degree keeps to itself when it is turned, so a few known directions, here on a spiral, tell its matrix exactly.
+    """
+    height = 1.0 - (2.0 * np.arange(_KNOWN) + 1.0) / _KNOWN
+    around = np.pi * (3.0 - math.sqrt(5.0)) * np.arange(_KNOWN)
+    radius = np.sqrt(1.0 - height**2)
+    known = np.stack([radius * np.cos(around), radius * np.sin(around), height], axis=1)
+    plain = harmonics(known, degree)  # (P, K)
+    seen = harmonics(np.matmul(axes, known.T).swapaxes(-1, -2), degree)  # (N, P, K)
+    degrees = [slice(d * d, (d + 1) ** 2) for d in range(degree + 1)]
+    return [np.matmul(np.linalg.pinv(plain[:, of]), seen[..., of]).swapaxes(-1, -2) for of in degrees]
 
 
 def cosine_lobe(degree: int) -> Array:

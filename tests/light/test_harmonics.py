@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.special import sph_harm_y
 
 from handbench.errors import InputError
 from handbench.light.environment import directions, solid_angles
-from handbench.light.harmonics import HIGHEST, cosine_lobe, harmonics
+from handbench.light.harmonics import HIGHEST, cosine_lobe, harmonics, turned
 
 SPHERE, WEIGHTS = directions(90, 180).reshape(-1, 3), solid_angles(90, 180).ravel()
 
@@ -45,3 +46,15 @@ def test_irradiance_is_the_integral_of_the_cosine() -> None:
 def test_a_degree_that_is_not_there_is_refused() -> None:
     with pytest.raises(InputError, match="use 0 to 3"):
         harmonics(SPHERE, 4)
+
+
+@pytest.mark.parametrize("degree", range(HIGHEST + 1))
+def test_turning_them_is_seeing_the_direction_in_turned_axes(degree: int) -> None:
+    axes = Rotation.random(5, rng=3).as_matrix()
+    axes[-1] *= -1.0  # mirrored ones as well
+    some = SPHERE[::997]
+    wanted = harmonics(np.einsum("nij,pj->npi", axes, some), degree)
+    known = harmonics(some, degree)
+    for d, matrices in enumerate(turned(axes, degree)):
+        of = slice(d * d, (d + 1) ** 2)
+        assert np.allclose(np.einsum("nij,pj->npi", matrices, known[:, of]), wanted[..., of], atol=1e-12)
