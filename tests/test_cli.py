@@ -208,7 +208,8 @@ def test_what_only_looks_makes_nothing(verb, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["data", verb, "openstage", "--data", str(tmp_path / "captures")]) == 2
     err = capsys.readouterr().err
-    assert "openstage of size quick is not made yet; 'handbench data make openstage --size quick' makes it" in err
+    remedy = f"handbench data make openstage --size quick --folder {tmp_path / 'captures'}"
+    assert f"openstage of size quick is not made yet; '{remedy}' makes it" in err
     assert not list(tmp_path.iterdir())
 
 

@@ -110,7 +110,7 @@ def _data_check(arguments: argparse.Namespace) -> int:
     if sheet is not None:
         check_file(sheet, _ELSEWHERE)
     capture = _capture(arguments)
-    if own and not arguments.json:
+    if capture.layout and not arguments.json:
         say(f"{capture.name}: {capture.layout}, offers {', '.join(sorted(capture.offers))}")
     most = arguments.frames or (_READ if capture.layout else None)
     with steps() as told:
@@ -151,17 +151,6 @@ def _data_template(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _check_made(name: str, size: str, folder: Path | None) -> None:
-    """Raises `InputError` for a capture that would be generated first, which takes minutes or hours."""
-    from ..data import openstage
-    from ..errors import InputError
-
-    if name in openstage.PRESETS and openstage.lacking(
-        openstage.capture_folder(size, folder, openstage.generated(name))
-    ):
-        raise InputError(f"{name} of size {size} is not made yet; 'handbench data make {name} --size {size}' makes it")
-
-
 def _own(arguments: argparse.Namespace) -> bool:
     """Whether a folder is named, not a capture: one that is called like a capture is told by a slash."""
     from ..registry import CAPTURES
@@ -180,6 +169,7 @@ def _capture(arguments: argparse.Namespace) -> Any:
     Raises `InputError`, for the verbs that only look, if it is not there yet.
     """
     from ..bench.progress import steps
+    from ..data import openstage
     from ..data.capture import open_capture
 
     if arguments.verb is not _data_make:
@@ -187,6 +177,7 @@ def _capture(arguments: argparse.Namespace) -> Any:
             from ..data.readers import open_at
 
             return open_at(Path(arguments.capture))
-        _check_made(arguments.capture, arguments.size, arguments.folder)
+        if (name := arguments.capture) in openstage.PRESETS:
+            openstage.check_made(arguments.size, arguments.folder, openstage.generated(name))
     with steps() as told:
         return open_capture(arguments.capture, arguments.size, arguments.folder, told)

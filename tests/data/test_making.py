@@ -22,13 +22,15 @@ from quicktracer import Quick
 from handbench.bench import making
 from handbench.claims import claim
 from handbench.cli import main
-from handbench.data.openstage import PRESETS, capture_folder, helpers, thumbnails
+from handbench.data.inspection import troubles
+from handbench.data.openstage import PRESETS, capture_folder, check_made, helpers, open_capture, thumbnails
 from handbench.data.openstage import make as module
 from handbench.data.openstage.capture import OpenCapture
 from handbench.data.openstage.make import make
 from handbench.data.openstage.manifest import read_manifest
 from handbench.data.openstage.plans import production
 from handbench.data.openstage.production import Production
+from handbench.data.readers import open_at
 from handbench.errors import InputError, StorageError
 from handbench.shards import Shard
 
@@ -189,8 +191,11 @@ def test_a_folder_begun_with_another_preset_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda m: m["preset"].update(spp=5), r"the preset in .* was edited.*: handbench data make openstage --size"),
-        (lambda m: m.update(generator=1), "was made by generator 1, .*: handbench data make openstage --size mini"),
+        (
+            lambda m: m["preset"].update(spp=5),
+            r"the preset of .* was edited.* delete it .*: handbench data make openstage",
+        ),
+        (lambda m: m.update(generator=1), "was made by generator 1, .* delete it .*: .* --size mini --folder /"),
         (lambda m: m["subjects"][0]["poses"][0]["shots"][0].update(cameras=["../x"]), "none of its cameras"),
         (lambda m: m["subjects"][0]["poses"][0].update(estimate={"joints": 3}), "damaged"),
     ],
@@ -205,6 +210,43 @@ def test_an_edited_or_old_capture_is_one_sentence(
     (tmp_path / "capture.json").write_text(json.dumps(manifest))
     with pytest.raises(InputError, match=told):
         OpenCapture(tmp_path)
+
+
+def test_what_a_command_that_only_looks_misses_is_told_with_the_command_that_makes_it(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(PRESETS["openstage"], "mini", TINY)
+    place, makes = capture_folder("mini", tmp_path), f"'handbench data make openstage --size mini --folder {tmp_path}'"
+    shutil.copytree(whole, tmp_path / "openstage-mini-01234567")
+    with pytest.raises(InputError, match=f"not made yet .*mini-01234567 is another version's, .*; {makes} makes it"):
+        check_made("mini", tmp_path, "openstage")
+    place.mkdir()
+    with pytest.raises(InputError, match=f"made in part only; {makes} makes the rest"):
+        check_made("mini", tmp_path, "openstage")
+    shutil.copytree(whole, place, dirs_exist_ok=True)
+    check_made("mini", tmp_path, "openstage")
+    (place / "s01/pose-1/dorsal/env-hall.exr").unlink()
+    with pytest.raises(InputError, match=f"lacks 1 of its files, .*pose-1/dorsal/env-hall.exr; {makes} makes them"):
+        check_made("mini", tmp_path, "openstage")
+
+
+def test_a_preset_that_was_edited_with_its_recipe_is_no_size_of_the_package(whole: Path, tmp_path: Path) -> None:
+    """A tiny stage in the place of the package's mini."""
+    shutil.copytree(whole, capture_folder("mini", tmp_path))
+    with pytest.raises(InputError, match="is of another preset than openstage mini; delete it and make it again: "):
+        open_capture("mini", tmp_path)
+
+
+def test_a_folder_that_the_generator_made_is_read_by_its_place(whole: Path) -> None:
+    assert open_at(whole).digest == TINY.recipe
+
+
+def test_a_picture_that_was_cut_off_is_told_with_what_to_do(whole: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(whole, tmp_path / "copy"))
+    picture = copy / "s01/pose-1/dorsal/env-hall.exr"
+    picture.write_bytes(picture.read_bytes()[:300])
+    (told,) = (one for one in troubles(OpenCapture(copy)) if one.startswith("s01/pose-1/dorsal/env-hall: "))
+    assert "delete it and make the capture again" in told
 
 
 def test_the_command_makes_shards(
@@ -272,9 +314,11 @@ def test_helpers_end_with_the_block(tmp_path: Path) -> None:
 
 
 def test_the_thumbnails_are_of_recipes_of_today_and_small() -> None:
+    """Of every capture the package compares `mini` and `quick`."""
     assert thumbnails.KEPT.stat().st_size <= 200_000
     of = {name.partition("/")[0] for name in np.load(thumbnails.KEPT)}
-    assert of and of <= {size.recipe for sizes in PRESETS.values() for size in sizes.values()}
+    assert of <= {size.recipe for sizes in PRESETS.values() for size in sizes.values()}
+    assert of >= {sizes[name].recipe for sizes in PRESETS.values() for name in ("mini", "quick")}
 
 
 @pytest.mark.parametrize(

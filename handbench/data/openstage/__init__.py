@@ -22,7 +22,7 @@ from ...method import Progress, silent
 from ..capture import Capture
 from .presets import PRESETS, CaptureName, preset
 
-__all__ = ["PRESETS", "capture_folder", "generated", "lacking", "open_capture", "preset"]
+__all__ = ["PRESETS", "capture_folder", "check_made", "generated", "lacking", "open_capture", "preset"]
 
 
 def generated(name: str) -> CaptureName:
@@ -53,6 +53,23 @@ def lacking(place: Path) -> list[str]:
     return missing(place, read_manifest(place / FILE)) if (place / FILE).is_file() else [FILE]
 
 
+def check_made(size: str, folder: Path | None, capture: CaptureName) -> None:
+    """Raises `InputError` for a capture that `open_capture` would make first, which takes minutes or hours."""
+    from .manifest import FILE, command
+
+    place = capture_folder(size, folder, capture)
+    if not (lost := lacking(place)):
+        return
+    remedy = command(capture, size, place)
+    if lost != [FILE]:
+        raise InputError(f"{place} lacks {len(lost)} of its files, the first is {lost[0]}; '{remedy}' makes them anew")
+    if place.is_dir():
+        raise InputError(f"{capture} of size {size} is made in part only; '{remedy}' makes the rest")
+    older = [other for other in sorted(place.parent.glob(f"{capture}-{size}-*")) if (other / FILE).is_file()]
+    aside = f" ({older[0]} is another version's, which this one does not read; delete it)" if older else ""
+    raise InputError(f"{capture} of size {size} is not made yet{aside}; '{remedy}' makes it")
+
+
 def open_capture(
     size: str = "quick", folder: Path | None = None, progress: Progress = silent, capture: CaptureName = "openstage"
 ) -> Capture:
@@ -61,6 +78,7 @@ def open_capture(
     Raises `InputError` for an unknown size or damaged files, `StorageError` when it cannot be written.
     """
     from .capture import OpenCapture
+    from .manifest import command
 
     place = capture_folder(size, folder, capture)
     lost = lacking(place)
@@ -71,4 +89,8 @@ def open_capture(
         from .plans import production
 
         make(production(preset(size, capture)), place, progress)
-    return OpenCapture(place)
+    found = OpenCapture(place)
+    if found.digest != preset(size, capture).recipe:
+        remedy = command(capture, size, place)
+        raise InputError(f"{place} is of another preset than {capture} {size}; delete it and make it again: {remedy}")
+    return found

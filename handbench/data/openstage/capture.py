@@ -17,6 +17,7 @@ from ..capture import Capture
 from .inventory import olat_name, recorded
 from .manifest import FILE, Manifest, read_manifest
 from .reading import Files
+from .thumbnails import Difference, difference
 
 
 class OpenCapture(Capture):
@@ -71,10 +72,11 @@ class OpenCapture(Capture):
     def remarks(self) -> tuple[str, ...]:
         if "difference" not in self._manifest:
             return ()
-        off = self._manifest["difference"]
+        told = self._manifest["difference"]  # None as well where the package had no pictures when it was made
+        off = Difference(**told) if told else difference(self._manifest, self.folder)
         if off is None:
             return ("the package has no pictures of this size to compare its own with",)
-        return (f"{off['views']} of its pictures differ by at most {off['largest']:.3%} from those of the package",)
+        return (f"{off.views} of its pictures differ by at most {off.largest:.3%} from those of the package",)
 
     def observe(self, frame: Frame) -> Observation:
         camera = frame.camera

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from ...cache import cache_folder
 from ...errors import InputError
 from ...files import JSON_LIMIT, read_text
 from .presets import GENERATOR_VERSION, SCHEMA, recipe
@@ -15,6 +16,12 @@ Manifest: TypeAlias = dict[str, Any]
 
 FILE = "capture.json"
 _WIDEST = 1 << 15  # pixels a side of a picture
+
+
+def command(capture: str, size: str, place: Path) -> str:
+    """What makes a capture in its folder `place`."""
+    folder = "" if place.parent == cache_folder() else f" --folder {place.parent}"
+    return f"handbench data make {capture} --size {size}{folder}"
 
 
 def read_manifest(path: Path) -> Manifest:
@@ -30,11 +37,10 @@ def read_manifest(path: Path) -> Manifest:
     if schema != SCHEMA:
         raise InputError(f"{path} has schema {schema}, this version reads {SCHEMA}; make the capture again")
     try:
-        remedy = f"handbench data make {found['capture']} --size {found['preset']['name']}"
+        remedy = f"delete it and make it again: {command(found['capture'], found['preset']['name'], path.parent)}"
         if generator != GENERATOR_VERSION:
             raise InputError(
-                f"{path.parent} was made by generator {generator}, this version has {GENERATOR_VERSION}; "
-                f"make it again: {remedy}"
+                f"{path.parent} was made by generator {generator}, this version has {GENERATOR_VERSION}; {remedy}"
             )
         _check(found)
     except InputError:
@@ -43,7 +49,7 @@ def read_manifest(path: Path) -> Manifest:
         wrong = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else error
         raise InputError(f"{path} is damaged ({wrong}); delete it and make the capture again") from error
     if found["recipe"] != recipe(found["capture"], generator, found["preset"]):
-        raise InputError(f"the preset in {path} was edited: it is not the one of its recipe; make it again: {remedy}")
+        raise InputError(f"the preset of {path.parent} was edited: it is not the one of its recipe; {remedy}")
     return found
 
 

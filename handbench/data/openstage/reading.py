@@ -38,8 +38,7 @@ class Files:
 
     def radiance(self, name: str) -> Array:
         """An environment map (H, W, 3)."""
-        path = self._folder / name
-        found = stack(read_exr(path), ("R", "G", "B"), path)
+        found = stack(self._channels(name), ("R", "G", "B"), self._folder / name)
         self.compare(name)
         return found
 
@@ -66,15 +65,23 @@ class Files:
                 )
             self._sound.add(name)
 
+    def _channels(self, name: str) -> dict[str, Array]:
+        path = self._folder / name
+        try:
+            return read_exr(path)
+        except InputError:
+            if path.is_file():
+                self.compare(name)  # which says what to do about a file that was generated whole
+            raise
+
     def _image(self, name: str, height: int, width: int) -> Array:
         path = self._folder / name
-        image = _sized(stack(read_exr(path), ("R", "G", "B"), path), height, width, path).astype(np.float16)
+        image = _sized(stack(self._channels(name), ("R", "G", "B"), path), height, width, path).astype(np.float16)
         self.compare(name)
         return image
 
     def _geometry(self, name: str, height: int, width: int) -> dict[str, Array]:
-        path = self._folder / name
-        channels = read_exr(path)
+        path, channels = self._folder / name, self._channels(name)
         self.compare(name)
         found = {}
         for part, names in _MAPS.items():

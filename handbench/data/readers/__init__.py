@@ -14,6 +14,8 @@ from pathlib import Path
 from ...errors import InputError
 from ..capture import Capture
 from ..folder import FILE, open_folder
+from ..openstage.capture import OpenCapture
+from ..openstage.manifest import FILE as GENERATED
 from . import goliath, harp, interhand, palm, reinterhand, uhm
 
 __all__ = ["open_at"]
@@ -35,6 +37,8 @@ def open_at(folder: Path) -> Capture:
         raise InputError(f"folder {folder} does not exist; give a capture's name or a folder")
     if (folder / FILE).exists():
         return open_folder(folder)
+    if (folder / GENERATED).exists():
+        return OpenCapture(folder)
     for fits, made in _LAYOUTS:
         if fits(folder):
             return made(folder)
