@@ -25,6 +25,9 @@ from .visibility import BODY_SCALE, HAND_SCALE, DensityOccluder, MeshOccluder, O
 _OWN_LIGHT = (16, 32)
 """Texels of the map in which an avatar's own light is looked up."""
 
+_GRAZING = 0.02
+"""Least cosine between what is seen and the viewer."""
+
 
 @dataclass(frozen=True)
 class Drawing:
@@ -61,19 +64,28 @@ class SeenPlaces(NamedTuple):
 def surface_view(posed: PosedHand, canonical: Tensor, raster: Raster) -> SeenPlaces:
     """One place for each pixel that sees the raster's mesh, whose vertices are at canonical (V, 3) in canonical space.
 
-    A pixel's place is what the middle one of its rays that meet the mesh sees.
+    A pixel's place is what the middle one of its rays that meet the mesh sees. Normals are the mesh's: those of the
+    field jump where its tables' cells of a millimetre meet, and a picture would show them as streaks.
     """
-    order = np.argsort(raster.pixel, kind="stable")
-    pixel, first, count = np.unique(raster.pixel[order], return_index=True, return_counts=True)
-    chosen = order[first + count // 2]
-    corners = canonical[torch.from_numpy(raster.mesh.topology.faces[raster.face[chosen]].astype(np.int64))]
-    at = posed.at((torch.from_numpy(raster.barycentric[chosen])[..., None] * corners).sum(dim=1))
+    pixel, first, count = np.unique(raster.pixel, return_index=True, return_counts=True)
+    chosen = first + count // 2
+    share = torch.from_numpy(raster.barycentric[chosen])[..., None]
+    faces = raster.mesh.topology.faces[raster.face[chosen]].astype(np.int64)
+    x = (share * canonical[torch.from_numpy(faces)]).sum(dim=1)
+    point = (share.double() * torch.from_numpy(raster.mesh.vertices[faces])).sum(dim=1).float()
+    normal = torch.from_numpy(raster.normal[chosen]).float()
+    view = torch.nn.functional.normalize(torch.from_numpy(raster.camera.centre).float() - point, dim=1)
     alpha = torch.from_numpy(raster.alpha.reshape(-1)[pixel])
-    view = torch.nn.functional.normalize(torch.from_numpy(raster.camera.centre).float() - at.point, dim=1)
-    places = Scattering(
-        len(pixel), torch.arange(len(pixel)), alpha, at.point + LIFT * at.normal, at.normal, view, at.material(posed)
-    )
+    seen = (point + LIFT * normal, facing(normal, view), view, posed.material(x))
+    places = Scattering(len(pixel), torch.arange(len(pixel)), alpha, *seen)
     return SeenPlaces(places, torch.from_numpy(pixel.astype(np.int64)))
+
+
+def facing(normal: Tensor, view: Tensor) -> Tensor:
+    """Unit normals (N, 3) that face the viewer, view (N, 3) unit: what is seen does, and a smooth normal near an
+    outline may not, which would be black."""
+    missing = (_GRAZING - (normal * view).sum(dim=1, keepdim=True)).clamp_min(0.0)
+    return torch.nn.functional.normalize(normal + missing * view, dim=1)
 
 
 def volume_view(posed: PosedHand, camera: Camera, scatter: int) -> SeenPlaces:

@@ -136,24 +136,9 @@ class PosedHand:
             turned = (cofactors @ gradient[..., None]).squeeze(2)
         return torch.nn.functional.normalize(turned @ self.turn.T, dim=1, eps=1e-9)
 
-    def at(self, x: Tensor) -> Rendering:
-        """The hand at canonical places (N, 3), as samples of weight 1 of N rays."""
-        found = self.model.geometry(x, self.conditions, gradient=True)
-        assert found.gradient is not None
-        count = len(x)
-        return Rendering(
-            ray=torch.arange(count),
-            weight=torch.ones(count),
-            point=self.placed(self.deformation.forward(x)),
-            x=x,
-            sdf=found.sdf,
-            feature=found.feature,
-            gradient=found.gradient,
-            normal=self.normals(x, found.gradient),
-            towards=torch.zeros(count, 3),
-            alpha=torch.ones(count),
-            depth=torch.zeros(count),
-        )
+    def material(self, x: Tensor) -> Material:
+        """What the hand is made of at canonical places (N, 3)."""
+        return self.model.material(x, self.model.geometry(x, self.conditions).feature, self.conditions)
 
     def surface(self, spacing: float = 2e-3) -> Surface:
         """The surface as a mesh in the world, see `extracted`."""

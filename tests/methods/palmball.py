@@ -52,18 +52,9 @@ class Ball:
     def mesh(self, spacing: float) -> Mesh:
         return self.surface(spacing).mesh
 
-    def at(self, x: Tensor) -> March:
-        normal = torch.nn.functional.normalize(x, dim=1)
-        return March(
-            torch.arange(len(x)),
-            torch.ones(len(x)),
-            x + self.middle,
-            normal,
-            torch.zeros(len(x)),
-            torch.zeros(len(x), 3),
-            self,
-            len(x),
-        )
+    def material(self, x: Tensor) -> Material:
+        same = (torch.full((len(x),), value) for value in (self.roughness, self.metallic))
+        return Material(self.albedo.expand(len(x), 3), *same)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +78,7 @@ class March:
         return values.new_zeros(self.rays, values.shape[1]).index_add(0, self.ray, self.weight[:, None] * values)
 
     def material(self, posed: object) -> Material:
-        count = len(self.ray)
-        same = (torch.full((count,), value) for value in (self.ball.roughness, self.ball.metallic))
-        return Material(self.ball.albedo.expand(count, 3), *same)
+        return self.ball.material(self.point)
 
     def radiance(self, posed: object) -> Tensor:
         return self.total(self.ball.albedo.expand(len(self.ray), 3))

@@ -81,6 +81,19 @@ def test_the_picture_is_the_reflectance_of_the_ball() -> None:
     assert found.image[row, column] == pytest.approx(expected, rel=0.01)
 
 
+def test_what_is_seen_faces_the_viewer() -> None:
+    """Smooth normals at an outline may not, which would be black pixels there."""
+    rng = np.random.default_rng(0)
+    normal, view = (torch.nn.functional.normalize(torch.from_numpy(rng.normal(size=(500, 3))), dim=1) for _ in "nv")
+    turned, cosine = drawing.facing(normal, view), (normal * view).sum(dim=1)
+    assert (turned * view).sum(dim=1).min() > 0.01
+    assert torch.allclose(turned[cosine > 0.02], normal[cosine > 0.02])
+    assert torch.allclose(torch.linalg.cross(normal, view, dim=1).mul(turned).sum(dim=1), torch.zeros(500).double())
+    lamp = Directional(np.array([0.0, 0.0, 1.0]), np.ones(3))
+    found = PosedPalm.of(person(), viewpoint(), Drawing()).relight(lamp)
+    assert (found.image[found.alpha > 0] > 0).all()
+
+
 def test_the_mesh_of_the_picture_is_told() -> None:
     place = (0.003, -0.005, 0.01)
     found = PosedPalm.of(person(), viewpoint(place), Drawing()).relight(SUN)

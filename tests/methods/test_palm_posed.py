@@ -107,12 +107,11 @@ def test_rays_see_what_a_rasteriser_draws(scene: tuple[PosedHand, Mesh, Camera])
 def test_normals_are_those_of_the_posed_mesh(scene: tuple[PosedHand, Mesh, Camera]) -> None:
     posed, mesh, _ = scene
     surface = posed.surface(3e-3)
-    found = posed.at(surface.canonical)
+    gradient = posed.model.geometry(surface.canonical, posed.conditions, gradient=True).gradient
     _, nearest = cKDTree(mesh.vertices).query(surface.mesh.vertices)
     true = torch.from_numpy(PosedMesh(mesh).normals[nearest]).float()
-    cosine = (found.normal * true).sum(dim=1)
+    cosine = (posed.normals(surface.canonical, gradient) * true).sum(dim=1)
     assert cosine.median() > 0.99 and (cosine > 0.8).float().mean() > 0.9
-    assert torch.allclose(found.point, torch.from_numpy(surface.mesh.vertices.copy()).float(), atol=1e-5)
 
 
 def test_the_surface_is_the_hand(scene: tuple[PosedHand, Mesh, Camera]) -> None:
