@@ -1,0 +1,117 @@
+"""How well PALM-Net draws its own prior's people from a camera that was kept out: `python -m benchmarks.novel_views`.
+
+Trains the prior of `quick` without one of openscans' cameras, tells its time and greatest memory, and then draws the
+radiance field's colours of some poses of each person from that camera and from another one. PSNR is in sRGB: of the
+mask, of what is more than three pixels inside it, and of the rest, its outline. `--weights` takes a prior that a run
+kept (runs/…/priors/…/state) instead, which has seen all cameras.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from scipy.ndimage import binary_erosion
+
+from handbench.data.capture import open_capture
+from handbench.hand import hand_model
+from handbench.method import Prior
+from handbench.methods.palm.frames import Picture, Taken, taken
+from handbench.methods.palm.method import Palm, PalmPrior
+from handbench.methods.palm.model import PalmModel
+from handbench.methods.palm.posed import PosedHand, render
+from handbench.methods.palm.training import Lesson
+from handbench.recording import Recording
+from handbench.scene import Array
+from handbench.scene.colour import srgb
+
+_INSIDE = 3  # pixels
+
+
+def seen(posed: PosedHand, picture: Picture) -> tuple[Array, Array]:
+    """The radiance field's colours (h, w, 3) and alpha (h, w) of a picture."""
+    height, width = picture.alpha.shape
+    rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    found = render(posed, *picture.rays(rows.reshape(-1).float(), columns.reshape(-1).float()))
+    return found.radiance(posed).view(height, width, 3).numpy(), found.alpha.view(height, width).numpy()
+
+
+def compared(posed: PosedHand, picture: Picture) -> tuple[float, ...]:
+    """PSNR in the mask, inside, at the outline, and the masks' overlap."""
+    image, alpha = seen(posed, picture)
+    mask = picture.alpha.numpy() > 0.5
+    inside = binary_erosion(mask, iterations=_INSIDE)
+    error = (srgb(image) - srgb(picture.image.numpy())) ** 2
+    drawn = alpha > 0.5
+    parts = (mask, inside, mask & ~inside)
+    return *(-10.0 * float(np.log10(error[part].mean())) for part in parts), (drawn & mask).sum() / (drawn | mask).sum()
+
+
+@torch.no_grad()
+def tell(label: str, model: PalmModel, poses: Sequence[Taken], camera: str) -> None:
+    """Means of the pictures of a camera, one pose of each person."""
+    lesson = Lesson(model, list(poses))
+    last = {pose.person: number for number, pose in enumerate(poses)}
+    rows = []
+    for number in last.values():
+        posed = lesson.posed(number)
+        rows += [compared(posed, picture) for picture in poses[number].pictures if picture.camera.name == camera]
+    mask, inside, outline, overlap = np.mean(rows, axis=0)
+    print(
+        f"{label} {camera}, {len(rows)} pictures: {mask:.2f} dB in the mask, {inside:.2f} inside, {outline:.2f} at the "
+        f"outline, IoU {overlap:.3f}",
+        flush=True,
+    )
+
+
+def learned(recording: Recording, keep: Path | None) -> Prior:
+    """The prior of a recording, its time told as it learns."""
+    wall, cpu = time.perf_counter(), time.process_time()
+
+    def spent() -> str:
+        return f"{time.perf_counter() - wall:.0f} s, {time.process_time() - cpu:.0f} s of CPU"
+
+    def progress(step: int, total: int, **values: float) -> None:
+        if step % 100 == 0:
+            print(f"step {step} of {total}: {spent()}", flush=True)
+
+    prior = Palm("quick").train(recording, 0, progress)
+    print(f"prior: {spent()}, {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB", flush=True)
+    if keep is not None:
+        keep.mkdir(parents=True)
+        prior.save(keep)
+    return prior
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.novel_views", description="Draw PALM-Net's own people from a camera kept out."
+    )
+    parser.add_argument("--camera", default="oblique", help="the one that is kept out (default: oblique)")
+    parser.add_argument("--own", default="palmar", help="one that is not, for comparison (default: palmar)")
+    parser.add_argument("--people", type=int, help="of how many the prior learns (default: all)")
+    parser.add_argument("--weights", type=Path, help="the state of a kept prior of quick, instead of training")
+    parser.add_argument("--keep", type=Path, help="a new folder that the trained prior is kept in")
+    chosen = parser.parse_args()
+    capture = open_capture("openscans", "quick")
+    frames = [frame for frame in capture.frames() if frame.segment == "scan"]
+    people = list(dict.fromkeys(frame.subject for frame in frames))[: chosen.people]
+    frames = [frame for frame in frames if frame.subject in people]
+    if chosen.weights is None:
+        some = capture.recording(frame for frame in frames if frame.viewpoint.camera.name != chosen.camera)
+        prior, what = learned(some, chosen.keep), "kept out:"
+    else:
+        prior, what = Palm("quick").load(chosen.weights), "seen:"
+    assert isinstance(prior, PalmPrior)
+    poses = taken(capture.recording(frames), hand_model(), prior.model.config.register, 0)
+    for label, camera in (("own:", chosen.own), (what, chosen.camera)):
+        tell(label, prior.model, poses, camera)
+
+
+if __name__ == "__main__":
+    main()
