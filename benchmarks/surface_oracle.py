@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.bench.protocol import resolve
+from handbench.bench.resolving import resolve
 from handbench.bench.run import find_protocol
 from handbench.data.openstage import open_capture, preset
 from handbench.data.openstage.performance import Maker, traced

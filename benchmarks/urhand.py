@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import torch
 
-from handbench.bench.protocol import resolve
+from handbench.bench.resolving import resolve
 from handbench.bench.run import find_protocol
 from handbench.light.lightset import LightSet
 from handbench.methods.urhand import lighting

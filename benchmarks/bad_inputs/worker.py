@@ -17,7 +17,8 @@ MEMORY = 12 << 30  # bytes; more is an error of memory, not a machine that stand
 
 def protocol(path: Path) -> str:
     """The digest of a protocol file, and of the frames it chooses of the smallest light stage."""
-    from handbench.bench.protocol import digest, resolve
+    from handbench.bench.protocol import digest
+    from handbench.bench.resolving import resolve
     from handbench.bench.run import find_protocol
     from handbench.registry import CAPTURES
 

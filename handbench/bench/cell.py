@@ -27,8 +27,9 @@ from .lending import Lender
 from .metering import Meter, held_bytes, kept_size, metered, parameters
 from .plan import Cell
 from .priors import Curve, Priors, Training
-from .protocol import Protocol, Selected
+from .protocol import Protocol
 from .reader import CaptureReader, blame
+from .resolving import Selected
 from .scoring import SHOWN, Scoring, failed
 from .store import Store
 

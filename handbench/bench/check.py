@@ -25,8 +25,9 @@ from .lending import Lender, answered
 from .opening import open_data, select
 from .plan import check_preset, make_method
 from .progress import steps
-from .protocol import Protocol, Selected
+from .protocol import Protocol
 from .reader import CaptureReader, blame
+from .resolving import Selected
 
 SAME = 1e-6  # largest deviation, relative to the brightest pixel, of answers that must be the same
 

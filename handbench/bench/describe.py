@@ -22,8 +22,9 @@ from ..results.record import (
 from ..results.schema import plain, read
 from .given import enrolled_with
 from .plan import Cell, Plan
-from .protocol import Protocol, Published, Selected
+from .protocol import Protocol, Published
 from .provenance import device
+from .resolving import Selected
 
 if TYPE_CHECKING:
     from .cell import Measured

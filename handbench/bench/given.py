@@ -9,7 +9,7 @@ from typing import Literal, get_args
 from ..method import MethodInfo
 from ..recording import NEEDS, PARTS, Need, Recording, kinds_of, without_geometry
 from ..scene import FRAME_KINDS, Frame, FrameKind, Observation, Query, Unknown
-from .protocol import Selected
+from .resolving import Selected
 
 AS_ENROLLED = "as-enrolled"
 """Name of the light, and of the lighting, of a query that asks for the light as enrolled."""

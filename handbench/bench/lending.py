@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import Changed
 from ..scene import Array, Frame, Light, Prediction
-from .protocol import Selected
+from .resolving import Selected
 
 T = TypeVar("T")
 

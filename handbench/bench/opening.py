@@ -7,7 +7,8 @@ from pathlib import Path
 from ..data.capture import Capture, open_capture
 from ..data.together import Together
 from .progress import Steps
-from .protocol import Protocol, Selected, resolve
+from .protocol import Protocol
+from .resolving import Selected, resolve
 
 
 def open_data(protocol: Protocol, data: Path | None, told: Steps) -> Capture:

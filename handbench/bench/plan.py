@@ -32,7 +32,8 @@ from ..registry import METHODS, METRICS, Entry
 from ..source import source_digests
 from .given import refusal
 from .isolation import isolated
-from .protocol import Protocol, Selected, digest
+from .protocol import Protocol, digest
+from .resolving import Selected
 
 ChangesOf: TypeAlias = tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
 """The changed settings of methods, by their names."""

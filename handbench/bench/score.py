@@ -16,7 +16,8 @@ from .naming import run_folder
 from .opening import open_data, select
 from .plan import make_method, method_entries
 from .progress import Steps, steps
-from .protocol import Protocol, Selected
+from .protocol import Protocol
+from .resolving import Selected
 from .run import RunSummary, run
 
 # Whoever draws elsewhere is told what any method is: [train] as a whole shows a subject's training frames too.

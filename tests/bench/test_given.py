@@ -8,7 +8,7 @@ import pytest
 
 from handbench.bench import given
 from handbench.bench.check import check_method
-from handbench.bench.protocol import resolve
+from handbench.bench.resolving import resolve
 from handbench.bench.run import run
 from handbench.bench.store import Store
 from handbench.errors import InputError

@@ -18,7 +18,7 @@ from flat import flat_cells
 from handbench.bench.check import check
 from handbench.bench.isolation import isolated
 from handbench.bench.lending import Lender
-from handbench.bench.protocol import resolve
+from handbench.bench.resolving import resolve
 from handbench.bench.run import run
 from handbench.bench.store import Store
 from handbench.errors import Changed, InputError

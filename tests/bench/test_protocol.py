@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from handbench.bench.protocol import resolve, sample
+from handbench.bench.resolving import resolve
+from handbench.bench.sampling import sample
 from handbench.errors import InputError
 from handbench.scene import Group
 

@@ -17,7 +17,7 @@ from flat import flat_cells
 from PIL import Image
 
 import handbench.methods
-from handbench.bench.protocol import resolve
+from handbench.bench.resolving import resolve
 from handbench.bench.run import find_protocol
 from handbench.bench.score import score, template
 from handbench.cli import main

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from handbench.bench import given
-from handbench.bench.protocol import Selected, resolve
+from handbench.bench.resolving import Selected, resolve
 from handbench.bench.run import find_protocol
 from handbench.data.capture import Capture
 from handbench.data.openstage import open_capture

@@ -12,7 +12,7 @@ import pytest
 import torch
 from flat import flat_cells
 
-from handbench.bench.protocol import Selected, resolve
+from handbench.bench.resolving import Selected, resolve
 from handbench.bench.run import find_protocol, run
 from handbench.data.capture import Capture
 from handbench.errors import InputError, NonFinite, Unsupported

@@ -11,7 +11,8 @@ import pytest
 from handbench.bench import given
 from handbench.bench.opening import select
 from handbench.bench.plan import make_method
-from handbench.bench.protocol import Protocol, Selected
+from handbench.bench.protocol import Protocol
+from handbench.bench.resolving import Selected
 from handbench.data.openstage import open_capture
 from handbench.data.openstage.population import PEOPLE, cast
 from handbench.data.openstage.presets import preset

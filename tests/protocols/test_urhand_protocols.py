@@ -8,7 +8,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from handbench.bench.protocol import Protocol, resolve
+from handbench.bench.protocol import Protocol
+from handbench.bench.resolving import resolve
 from handbench.data.openstage import presets, stage
 from handbench.registry import PROTOCOLS
 from handbench.scene import Camera, Directional, Frame, Group, Light, Mesh, Pose, Topology, leaves

@@ -14,9 +14,10 @@ from ...bench.opening import select
 from ...bench.plan import Plan, make_plan
 from ...bench.priors import Priors
 from ...bench.progress import steps
-from ...bench.protocol import Protocol, Selected
+from ...bench.protocol import Protocol
 from ...bench.reader import CaptureReader
 from ...bench.reopening import capture_of, changes_of, protocol_of
+from ...bench.resolving import Selected
 from ...bench.store import Store
 from ...data.capture import Capture
 from ...registry import METHODS

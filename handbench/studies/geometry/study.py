@@ -13,8 +13,9 @@ from typing import Any
 from rich.table import Table
 
 from ...bench.progress import steps
-from ...bench.protocol import Protocol, resolve
+from ...bench.protocol import Protocol
 from ...bench.provenance import provenance
+from ...bench.resolving import resolve
 from ...bench.run import find_protocol
 from ...data.capture import Capture, open_capture
 from ...errors import StorageError, Unsupported

@@ -18,8 +18,9 @@ from ...bench import given
 from ...bench.failure import failure
 from ...bench.isolation import isolated
 from ...bench.lending import Lender
-from ...bench.protocol import Protocol, Selected, resolve
+from ...bench.protocol import Protocol
 from ...bench.reader import CaptureReader
+from ...bench.resolving import Selected, resolve
 from ...bench.run import find_protocol
 from ...data.capture import open_capture
 from ...light.environment import rotate

@@ -14,8 +14,8 @@ from torch import Tensor
 from ...bench import given
 from ...bench.drawing import light_refusal
 from ...bench.lending import Lender, answered
-from ...bench.protocol import resolve
 from ...bench.reader import CaptureReader
+from ...bench.resolving import resolve
 from ...bench.run import find_protocol
 from ...data.capture import Capture
 from ...errors import InputError, Unsupported
