@@ -146,7 +146,6 @@ def _published(told: PublishedRecord, columns: tuple[Column, ...], metrics: int)
         cells=tuple(cells),
         times=Times(None, None, {}, {}),
         marker=told.marker,
-        enrolment="not told",
     )
 
 

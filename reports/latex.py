@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import TypeAlias
 
@@ -31,9 +31,12 @@ from .texletters import GUARD
 _Text: TypeAlias = Callable[[Aggregate, Column], str]
 _STARRED = r"* $p<0.05$, ** $p<0.01$, *** $p<0.001$, corrected over the methods of a column (Holm)."
 _STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
-_OPEN, _SUNK = r"\rlap{\textsuperscript{$\circ$}}", r"\,{\tiny $\bigtriangledown$}"
+_OPEN, _SUNK = r"$\circ$", r"{\tiny $\bigtriangledown$}"
 _POINT = 72.27  # in an inch
-_GAP = 6.0  # points between columns: twice \tabcolsep
+_NEQ = latex(UNEQUAL)
+_TALL = 440.0  # points that the tabulars of a float may be high: a page of article has 550, caption and notes included
+_LEADING = 10.5  # from line to line at \footnotesize, with a share of the rules
+_GAP = 8.0  # points between columns: twice \tabcolsep
 _TINY = 0.72  # of the width of \footnotesize
 _SMALL = re.compile(r"\{\\tiny (.*?)\}|\\textsuperscript\{(.*?)\}")
 
@@ -54,18 +57,20 @@ def render_latex(table: Table, style: Style = PLAIN) -> str:
     baseline a second float holds the measured methods' differences to it, with stars for corrected p-values. It
     compiles with pdfLaTeX and LuaLaTeX, whatever names hold: a letter that a font lacks stands as its code.
     """
-    table = style.rounded(table)
+    notes = _notes(table)
+    table = _named(style.rounded(table))
     title = latex(style.caption) if style.caption else latex(table.title)
     values = _Block(table.rows, _cell(style), _interval if style.intervals else None)
     tabulars = [*_tabulars(table, values, style), *(_costs(table, style) if style.times else ())]
-    floats = [_float(style, _caption(table, title, style), style.label, tabulars, _notes(table))]
+    floats = list(_floats(style, title, _caption(table, title, style), style.label, tabulars, notes))
     if table.baseline:
         measured = tuple(row for row in table.compared if row.kind == "method")
-        caption = f"{title}: differences to {latex(table.baseline)}, paired by frame and seed. {_STARRED}"
+        apart_from = f"{title}: differences to {latex(table.baseline)}"
+        caption = f"{apart_from}, paired by frame and seed. {_STARRED}"
         apart = _Block(measured, _difference, _apart if style.intervals else None)
         label = f"{style.label}-differences" if style.label else ""
-        notes = [latex(limit) for limit in table.limits]
-        floats.append(_float(style, caption, label, list(_tabulars(table, apart, style)), notes))
+        limits = [latex(limit) for limit in table.limits]
+        floats += _floats(style, apart_from, caption, label, list(_tabulars(table, apart, style)), limits)
     text = "\n\n".join("\n".join(lines) for lines in floats)
     head = [r"% needs \usepackage{booktabs}", *(f"% {one_line(m.title)}: {m.signature}" for m in table.metrics)]
     guard = [GUARD] if r"\hbletter" in text else []
@@ -87,18 +92,46 @@ def _caption(table: Table, title: str, style: Style) -> str:
 
 def _notes(table: Table) -> list[str]:
     notes = [f"\\textsuperscript{{{letter(i)}}}\\,{latex(note)}." for i, note in enumerate(table.footnotes, start=1)]
+    if len(_enrolments(table)) == 1 and (given := _enrolments(table)[0]):
+        notes.append(f"Enrolment gave every method: {latex(given)}.")
     notes += [latex(remark) for remark in table.remarks]
     if table.unclaimed:
         notes.append(r"\textsuperscript{$\circ$}\,holds for these hands, cannot be claimed for others (paired test).")
     if table.sunk:
-        notes.append(f"{_SUNK}\\,not better than the floor, so never best.")
+        notes.append(f"\\textsuperscript{{{_SUNK}}}\\,not better than the floor, so never best.")
     return notes + ([f"{latex(UNEQUAL_NOTE)}."] if table.unequal else [])
 
 
-def _float(style: Style, caption: str, label: str, tabulars: Sequence[str], notes: Sequence[str]) -> Iterator[str]:
+def _floats(
+    style: Style, title: str, caption: str, label: str, tabulars: Sequence[str], notes: Sequence[str]
+) -> Iterator[Iterator[str]]:
+    """One float, or as many as pages hold: those that go on have the first one's number."""
+    batches: list[list[str]] = [[]]
+    free = _TALL
+    for tabular in tabulars:
+        if (free := free - _high(tabular)) < 0 and batches[-1]:
+            batches.append([])
+            free = _TALL - _high(tabular)
+        batches[-1].append(tabular)
+    for batch in batches:
+        first, last = batch is batches[0], batch is batches[-1]
+        text = caption if first else f"{title} (continued)."
+        yield _float(style, text, label if first else "", batch, notes if last else (), goes_on=not first)
+
+
+def _high(tabular: str) -> float:
+    """About how many points high a tabular is, with what separates it from the next."""
+    return _LEADING * (tabular.count(r"\\") + 2)
+
+
+def _float(
+    style: Style, caption: str, label: str, tabulars: Sequence[str], notes: Sequence[str], goes_on: bool
+) -> Iterator[str]:
     name = "table*" if style.wide else "table"
     yield f"\\begin{{{name}}}[tbp]"
-    yield r"  \centering\footnotesize\setlength{\tabcolsep}{3pt}"
+    yield r"  \centering\footnotesize\setlength{\tabcolsep}{4pt}"
+    if goes_on:
+        yield "  \\addtocounter{table}{-1}"
     yield f"  \\caption{{{caption}}}"
     if label:
         yield f"  \\label{{{label}}}"
@@ -132,6 +165,8 @@ def _lines(table: Table, block: _Block, indices: Sequence[int]) -> Iterator[str]
     for kind in ("method", "calibration", "published"):
         lines = []
         for row in (row for row in block.rows if row.kind == kind):
+            if kind == "published" and all(row.cells[i].value is None for i in indices):
+                continue
             lines.append(_line(_name(row), [block.text(row.cells[i], table.columns[i]) for i in indices]))
             small = [block.below(row.cells[i], table.columns[i]) for i in indices] if block.below else []
             if any(small):
@@ -228,6 +263,19 @@ def _head(column: Column) -> str:
     return f"\\shortstack[r]{{{head}\\\\({rest}}}" if bracket else head
 
 
+def _named(table: Table) -> Table:
+    """The table whose rows tell enrolment only where it differs; else a note tells it once."""
+    return (
+        table
+        if len(_enrolments(table)) > 1
+        else replace(table, rows=tuple(replace(row, enrolment="") for row in table.rows))
+    )
+
+
+def _enrolments(table: Table) -> list[str]:
+    return list(dict.fromkeys(row.enrolment for row in table.rows if row.kind == "method"))
+
+
 def _name(row: Row) -> str:
     title = latex(row.title + (row.suffix if row.kind == "published" else ""))
     return f"{title}\\,{{\\tiny {latex(row.enrolment)}}}" if row.enrolment else title
@@ -237,7 +285,7 @@ def _cell(style: Style) -> _Text:
     def text(cell: Aggregate, column: Column) -> str:
         value = latex(number(cell.value, column.metric.decimals))
         value = {0: value, 1: f"\\textbf{{{value}}}", 2: f"\\underline{{{value}}}"}[cell.rank]
-        value += _OPEN * (cell.rank > 0 and not cell.claimed) + _SUNK * cell.sunk + latex(UNEQUAL) * cell.unequal
+        value += _beside(_OPEN * (cell.rank > 0 and not cell.claimed) + _SUNK * cell.sunk + _NEQ * cell.unequal)
         if style.seeds and cell.spread is not None:
             value += f"\\,{{\\tiny $\\pm$ {latex(number(cell.spread, column.metric.decimals))}}}"
         gap = "" if cell.complete else f"\\,{{\\tiny {cell.covered}/{cell.expected}}}"
@@ -255,13 +303,17 @@ def _difference(cell: Aggregate, column: Column) -> str:
     apart = cell.difference
     if apart is None:
         return "--"
-    return latex(signed(apart.value, column.metric.decimals)) + stars(apart) + latex(UNEQUAL) * cell.across
+    return latex(signed(apart.value, column.metric.decimals)) + stars(apart) + _beside(_NEQ * cell.across)
 
 
 def stars(apart: Difference) -> str:
-    """The stars of a difference, set so that they take no width and values stay below each other."""
-    found = next((each for p, each in _STARS if apart.adjusted is not None and apart.adjusted < p), "")
-    return f"\\rlap{{\\textsuperscript{{{found}}}}}" if found else ""
+    """The stars of a difference."""
+    return _beside(next((each for p, each in _STARS if apart.adjusted is not None and apart.adjusted < p), ""))
+
+
+def _beside(mark: str) -> str:
+    """A mark that takes no width, so that values stay below each other."""
+    return f"\\rlap{{\\textsuperscript{{{mark}}}}}" if mark else ""
 
 
 def _apart(cell: Aggregate, column: Column) -> str:

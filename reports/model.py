@@ -256,9 +256,12 @@ class Table:
 
     def rows_of(self, group: Group) -> tuple[Row, ...]:
         """The rows of a group's table: published ones that tell nothing of it are left out."""
-        told = self.of_group(group)
-        empty = {row.name for row in self.rows if all(row.cells[i].value is None for i in told)}
-        return tuple(row for row in self.rows if row.kind != "published" or row.name not in empty)
+        return tuple(row for row in self.rows if self.tells(row, group))
+
+    def tells(self, row: Row, of: Group | Metric) -> bool:
+        """Whether a row belongs into a table of a group or a metric: of published ones those with a value there."""
+        there = (i for i, column in enumerate(self.columns) if of in (column.group, column.metric))
+        return row.kind != "published" or any(row.cells[i].value is not None for i in there)
 
     def of_group(self, group: Group) -> tuple[int, ...]:
         """The positions of a group's columns."""

@@ -12,11 +12,12 @@ from handbench.studies.auditrecord import audit_told
 from .aggregate import RESAMPLES
 from .agreement import headline, sentence
 from .cost import Span
+from .curves import Losses
 from .figures import ERROR_SCALE, Panel
 from .frames import KINDS
 from .model import LIGHT_TITLES, Aggregate, Column, Table
 from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments, numbered, shown, told
-from .pictures import colour_stops, error_uri, image_uri, png_uri
+from .pictures import colour_stops, error_uri, image_uri, svg_uri
 from .printed import (
     SUNK,
     UNEQUAL_NOTE,
@@ -45,23 +46,24 @@ from .viewer import Viewer
 
 @dataclass(frozen=True)
 class Shown:
-    """What a page shows beside its tables. `losses` are (method, title, PNG)."""
+    """What a page shows beside its tables."""
 
     panels: Sequence[Panel] = ()
-    losses: Sequence[tuple[str, str, bytes]] = ()
+    losses: Sequence[Losses] = ()
     plots: Sequence[Plot] = ()
     viewer: Viewer | None = None
 
 
 def render_page(table: Table, run: Run, also: Shown) -> str:
-    """The HTML text of a run's page. It holds no date, so the same run gives the same page."""
+    """The HTML text of a run's page. Its only date is the run's, so the same run gives the same page."""
     page = environment(
         image_uri=image_uri,
         error_uri=error_uri,
         duration=duration,
         letter=letter,
         number=number,
-        png_uri=png_uri,
+        moment=_moment,
+        svg_uri=svg_uri,
         scientific=scientific,
         span=_span,
         seconds=_seconds,
@@ -213,3 +215,8 @@ def _span(span: Span | None) -> str:
 def _seconds(span: Span | None) -> str:
     """The value a table is sorted by; nothing where there is none."""
     return repr(span.median) if span else ""
+
+
+def _moment(told: str) -> str:
+    """ "2026-03-01, 14:05 UTC" of "2026-03-01T14:05:00+00:00"."""
+    return f"{told[:10]}, {told[11:16]} UTC"

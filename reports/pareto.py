@@ -25,7 +25,7 @@ TIMES = {
     "memory": "Greatest memory while drawing",
 }
 WIDTH, HEIGHT = 360, 240  # of a drawing
-FRAME = Box(46, 18, 348, 202)  # the plot in it
+FRAME = Box(46, 18, 332, 202)  # the plot in it; the text of the last time has room beside it
 _MARGIN = 1.35  # how far the time axis goes beyond the points, as a factor
 _NAMED = 8  # rows whose titles have room in a plot
 _ROOM = 1.1  # of the widths of two times beside each other
@@ -267,8 +267,9 @@ def _times(plot: Plot, low: float, high: float) -> tuple[float, ...]:
     """Round times between two: as many as have room beside each other."""
     scale = (FRAME.right - FRAME.left) / math.log10(high / low)
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    for steps in _STEPS:
-        found = tuple(step * 10.0**power for power in powers for step in steps if low <= step * 10.0**power <= high)
+    for every, steps in (*((1, steps) for steps in _STEPS), (2, (1,)), (3, (1,))):
+        values = (step * 10.0**power for power in powers[::every] for step in steps)
+        found = tuple(value for value in values if low <= value <= high)
         wide = [_ROOM * width(shown(plot, value)) for value in found]
         if all(
             scale * math.log10(later / earlier) >= (one + other) / 2

@@ -79,6 +79,11 @@ def png_uri(content: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(content).decode()
 
 
+def svg_uri(content: bytes) -> str:
+    """An SVG file as a data address."""
+    return "data:image/svg+xml;base64," + base64.b64encode(content).decode()
+
+
 def palette() -> Array:
     """The colours of an error map, (256, 3) bytes."""
     return (COLOURS(np.arange(256))[:, :3] * 255).astype(np.uint8)

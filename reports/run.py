@@ -5,6 +5,8 @@ from __future__ import annotations
 from handbench.results.reading import Run, merged, read_plan, read_run
 from handbench.results.record import Device
 
+from .model import counted
+
 __all__ = ["Run", "machine", "merged", "read_plan", "read_run"]
 
 
@@ -12,5 +14,6 @@ def machine(device: Device | None) -> str:
     """The device in one line: "AMD EPYC 7B13, 2 cores, 2 threads, 24 GB"."""
     if device is None:
         return "an unknown machine"
+    counts = [counted(count, noun) for count, noun in ((device.cores, "core"), (device.threads, "thread")) if count]
     memory = [f"{device.memory_gb:.0f} GB"] if device.memory_gb else []
-    return ", ".join([device.cpu, f"{device.cores} cores", f"{device.threads} threads", *memory, *device.gpus])
+    return ", ".join([device.cpu, *counts, *memory, *device.gpus])

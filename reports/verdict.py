@@ -11,6 +11,8 @@ from .cost import Span
 from .model import LIGHT_TITLES, Column, Metric, Row, Table, counted
 from .printed import duration, listed, number
 
+_COLUMNS_TOLD = 4  # of a shared lead, by name
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -49,8 +51,9 @@ def answer(table: Table) -> Answer:
     found = _wins(table, leaders[0])
     where = f"{_of(len(found), len(first))} by {metric}"
     if len(leaders) > 1:
-        each = f"each best, alone or with others, in {where}"
-        return Answer(f"{listed([row.title for row in leaders])} are {each}.", _scope(table), "", warnings)
+        names = listed([row.title for row in leaders])
+        shared = f"{names} share the lead: each is best, alone or with others, in {where}."
+        return Answer(f"{shared} {_highest(table, methods)}", _scope(table), _costs(table, leaders), warnings)
     (leader,) = leaders
     best = f"{leader.title} is best in {where}{_ahead(table, methods, leader, found)}"
     return Answer(
@@ -94,7 +97,7 @@ def _of(count: int, all_of: int) -> str:
     )
 
 
-def _next(methods: Sequence[Row], leader: Row, index: int, column: Column) -> Row | None:
+def _next(methods: Sequence[Row], leader: Row | None, index: int, column: Column) -> Row | None:
     """The best of the other methods in a column."""
     sign = 1.0 if column.metric.higher_is_better else -1.0
     others = [row for row in methods if row is not leader and row.cells[index].complete]
@@ -127,6 +130,27 @@ def _range_of(gaps: Sequence[float], metric: Metric) -> str:
 def _shared(methods: Sequence[Row], leader: Row, found: Sequence[int]) -> list[int]:
     """The columns in which another method is best too."""
     return [i for i in found if any(row.cells[i].rank == 1 for row in methods if row is not leader)]
+
+
+def _highest(table: Table, methods: Sequence[Row]) -> str:
+    """Whose value is ahead in each column, where that answers more than marks that several methods share."""
+    parts = []
+    for index in _first(table):
+        column = table.columns[index]
+        able = [row for row in methods if row.cells[index].complete and not row.cells[index].sunk]
+        if (front := _next(able, None, index, column)) is None:
+            continue
+        other = _next(able, front, index, column)
+        gap = None if other is None else abs((front.cells[index].value or 0.0) - (other.cells[index].value or 0.0))
+        by = number(gap, column.metric.decimals)
+        if other is None:
+            ahead = front.title
+        elif float(by) == 0.0:
+            ahead = f"{front.title} and {other.title} level"
+        else:
+            ahead = f"{front.title} by {by} {column.metric.unit}".rstrip() + f" over {other.title}"
+        parts.append(f"{ahead} in {column.group.title}")
+    return f"Ahead: {'; '.join(parts)}." if 0 < len(parts) <= _COLUMNS_TOLD else ""
 
 
 def _others(table: Table, leader: Row) -> str:
@@ -188,6 +212,14 @@ def _cost(table: Table, methods: Sequence[Row], leader: Row, index: int) -> str:
     return f"It takes {listed(parts)}." if parts else ""
 
 
+def _costs(table: Table, rows: Sequence[Row]) -> str:
+    """What each of several takes: "New pose under an environment, and training: PALM-Net 651 ms, 21.1 min; …"."""
+    kind = table.timed_kind
+    costs = ((row.title, row.times.new_pose_ms.get(kind), row.times.train_s) for row in rows)
+    parts = [f"{title} {duration(own)} ms, {_clock(train)}" for title, own, train in costs if own and train]
+    return f"A new pose under {LIGHT_TITLES[kind]}, and training: {'; '.join(parts)}." if parts else ""
+
+
 def _times(ratio: float) -> str:
     if 0.95 <= ratio <= 1.05:
         return "as long as"
@@ -204,8 +236,9 @@ def _clock(span: Span) -> str:
 def _warnings(table: Table, methods: Sequence[Row]) -> Iterator[str]:
     floors = listed([row.title for row in table.rows if row.floor]) if any(row.floor for row in table.rows) else ""
     sunk = {row.title: sum(cell.sunk for cell in row.cells) for row in methods}
-    if told := [f"{title} in {counted(count, 'value')}" for title, count in sunk.items() if count]:
-        yield f"Not better than the floor ({floors}): {listed(told)}. What is below the floor is never best."
+    if told := [f"{title} in {count}" for title, count in sunk.items() if count]:
+        of_all = counted(len(table.columns), "value")
+        yield f"Not better than the floor ({floors}), of {of_all}: {listed(told)}. Such a value is never best."
     if elsewhere := [row.title for row in methods if not row.here]:
         yield f"Not trained or drawn here, only scored: {listed(elsewhere)}."
     gaps = [row.title for row in methods if any(not cell.complete for cell in row.cells)]

@@ -92,7 +92,7 @@ def _figures(shown: Shown, table: Table) -> dict[str, bytes]:
     from .pareto_figures import pareto_figures
     from .pictures import grid
 
-    found = {f"{FIGURES}/losses-{name}.png": picture for name, _, picture in shown.losses}
+    found = {f"{FIGURES}/losses-{each.name}.png": each.png for each in shown.losses}
     by_kind = groupby(shown.panels, key=lambda panel: panel.kind)
     grids = [(kind, grid(tuple(of_kind), table.metrics[0])) for kind, of_kind in by_kind]
     for name, files in (*grids, *pareto_figures(shown.plots)):
@@ -107,7 +107,7 @@ def _digest(runs: Sequence[Run], baseline: str | None) -> str:
     for path in (*sorted(here.glob("*.py")), *sorted((here / "templates").iterdir())):
         digest.update(f"\0{path.name}\0".encode() + path.read_bytes())
     for run in runs:
-        origin = replace(run.plan.provenance, started="")  # not shown: the same results give the same page
+        origin = replace(run.plan.provenance, started="")  # a run that had nothing to do leaves the page
         plan = plain(replace(run.plan, provenance=origin))
         digest.update(json.dumps([str(run.folder) if len(runs) > 1 else "", plan], sort_keys=True).encode())
         cells = (run.folder / "cells" / f"{key}.json" for key in run.plan.cells)

@@ -18,6 +18,7 @@ function pick(metric) {
   if (!button) return;
   for (const each of buttons) each.setAttribute("aria-pressed", String(each === button));
   for (const cell of document.querySelectorAll(".overview [data-metric]")) cell.hidden = cell.dataset.metric !== metric;
+  for (const line of document.querySelectorAll(".overview .published")) line.hidden = !line.querySelector("td:not([hidden], [data-value=''])");
   document.querySelector(".overview .metric").textContent = button.textContent;
 }
 for (const button of buttons) {

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from handbench.reports import write_reports
-from handbench.reports.curves import Curve, curve_png, curves
+from handbench.reports.curves import INK, Curve, Losses, curves, loss_figures
 from handbench.reports.run import read_run
 
 TOLD = [
     {"step": 20, "loss": 0.5, "l1": 0.4, "adversarial": 0.1},
     {"step": 40, "loss": 0.3, "l1": None, "adversarial": -0.1},
+    {"step": 60, "loss": 0.2, "l1": 0.2, "adversarial": 0.2},
 ]
 
 
@@ -36,9 +38,12 @@ def test_a_prior_is_told_once_for_all_subjects_and_a_gap_is_left_out(run_folder:
     found = curves(read_run(run_folder))
     assert set(found) == {"urhand"}, "cells without a prior, and methods that tell nothing, have no curve"
     (curve,) = found["urhand"]
-    assert curve == Curve(
-        0, "", {"loss": [(20, 0.5), (40, 0.3)], "l1": [(20, 0.4)], "adversarial": [(20, 0.1), (40, -0.1)]}
-    )
+    told = {
+        "loss": [(20, 0.5), (40, 0.3), (60, 0.2)],
+        "l1": [(20, 0.4), (60, 0.2)],
+        "adversarial": [(20, 0.1), (40, -0.1), (60, 0.2)],
+    }
+    assert curve == Curve(0, "", told)
 
 
 def test_every_seed_and_every_personalisation_has_its_own(run_folder: Path) -> None:
@@ -66,9 +71,20 @@ def test_losses_that_change_sign_get_a_linear_axis_beside_the_logarithmic_one() 
     points = [(step, 1.0 / step) for step in range(1, 50)]
     positive = Curve(0, "", {"loss": points})
     signed = Curve(0, "", {"loss": points, "adversarial": [(step, 0.5 - step) for step, _ in points]})
-    one, two = (Image.open(io.BytesIO(curve_png("URHand $x_", [curve]))) for curve in (positive, signed))
-    assert two.width == 2 * one.width and two.height == one.height
-    assert np.asarray(one.convert("L")).min() < 128, "something is drawn"
+    one, two = (Losses("urhand", "URHand $x_", (curve,)) for curve in (positive, signed))
+    small, large = (Image.open(io.BytesIO(each.png)) for each in (one, two))
+    assert large.width == 2 * small.width and large.height == small.height
+    assert two.size == (2 * one.size[0], one.size[1])
+    assert np.asarray(small.convert("L")).min() < 128, "something is drawn"
+
+
+def test_on_a_page_curves_have_the_ink_of_the_scheme_and_no_ground() -> None:
+    points = [(step, 1.0 / step) for step in range(1, 50)]
+    svg = Losses("urhand", "URHand", (Curve(0, "", {"loss": points}),)).svg.decode()
+    assert svg.startswith("<svg") and "prefers-color-scheme: dark" in svg
+    assert svg.count(INK) == 1 and "fill: currentColor" in svg, "ink is named once, in the light scheme"
+    assert not {"#ffffff", "#000000", "white", "black"} & set(re.findall(r"(?:fill|stroke): ([#\w]+)", svg))
+    assert svg == Losses("urhand", "URHand", (Curve(0, "", {"loss": points}),)).svg.decode()
 
 
 def test_the_page_shows_them_and_the_run_keeps_the_pictures(small_run: Path) -> None:
@@ -77,6 +93,8 @@ def test_the_page_shows_them_and_the_run_keeps_the_pictures(small_run: Path) -> 
     assert files["figures/losses-urhand.png"].read_bytes().startswith(b"\x89PNG")
     page = files["index.html"].read_text()
     assert 'alt="Loss curves of URHand"' in page and "Losses as they were told" in page
+    terms = {name for losses in loss_figures(read_run(small_run)) for curve in losses.trainings for name in curve.terms}
+    assert terms == {"loss", "adversarial"}, "two points are no line"
     before = files["index.html"].stat().st_mtime_ns
     assert write_reports(small_run)["index.html"].stat().st_mtime_ns == before
     (small_run / "priors" / "p0" / "train.json").unlink()

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from handbench.reports import render_latex, table
+from handbench.reports.build import build
 from handbench.reports.model import Table
 from handbench.reports.safe import latex
 from handbench.reports.style import Style
@@ -100,6 +101,16 @@ def test_tables_stay_within_their_column(engine, compared, style, options, tmp_p
     log = compiled(render_latex(compared, style), engine, tmp_path, options, twocolumn if options else "")
     assert [float(points) for points in OVERFULL.findall(log) if float(points) > 1] == []
     assert "Float too large" not in log
+
+
+@pytest.mark.parametrize("engine", ENGINES[:1])
+def test_tables_that_no_page_holds_go_on_in_a_float_of_the_same_number(engine, many, tmp_path):
+    text = render_latex(build(many), Style(label="tab:a"))
+    log = compiled(text + r" Table \ref{tab:a}.", engine, tmp_path)
+    assert "Float too large" not in log and text.count(r"\begin{table}") > 1
+    assert text.count(r"\label{") == 1 and text.count("(continued)") == text.count(r"\begin{table}") - 1
+    if shutil.which("pdftotext"):
+        assert len(set(re.findall(r"Table (\d+):", printed(tmp_path)))) == 1
 
 
 def test_an_option_that_cannot_be_is_refused():

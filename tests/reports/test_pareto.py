@@ -18,7 +18,7 @@ from matplotlib.textpath import TextPath
 from handbench.reports import table, write_reports
 from handbench.reports.cost import Span, Times
 from handbench.reports.model import Aggregate, Column, Group, Metric, Row, Table
-from handbench.reports.pareto import FRAME, TIMES, Plot, clock, draw, plots, seconds, told
+from handbench.reports.pareto import FRAME, TIMES, WIDTH, Plot, clock, draw, plots, seconds, told
 from handbench.reports.pareto_figures import pareto_figures
 from handbench.reports.places import SIZE, width
 
@@ -142,6 +142,7 @@ def test_texts_of_times_have_room(first: float, factor: float) -> None:
     assert all(
         later - earlier >= 1.02 * (width(one) + width(other)) / 2 for (earlier, one), (later, other) in pairwise(ticks)
     )
+    assert all(place + width(text) / 2 <= WIDTH for place, text in ticks), "no text is cut at the edge"
 
 
 @pytest.mark.parametrize("seed", range(40))

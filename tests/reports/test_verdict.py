@@ -97,7 +97,7 @@ def test_nothing_below_the_floor_is_best(run_folder: Path, set_scores: Callable[
     found = answer(result)
     assert found.best == "No method can be called best by PSNR: none is above the floor on every frame."
     assert any(
-        "floor (Mean): Physical_BRDF & fit in 3 values and URHand in 3 values" in text for text in found.warnings
+        "floor (Mean), of 9 values: Physical_BRDF & fit in 3 and URHand in 3." in text for text in found.warnings
     )
     assert "15.00▽" in render_markdown(result)
 
@@ -123,7 +123,13 @@ def test_methods_alone_and_alike_are_told(tmp_path: Path) -> None:
     alone = table(write_run(tmp_path / "alone", methods=("oracle", "good")))
     assert answer(alone).best == "Good was run alone: there is no method to compare it with."
     alike = table(write_run(tmp_path / "alike"))
-    assert answer(alike).best == "Good and Fair are each best, alone or with others, in both columns by PSNR."
+    assert answer(alike).best == (
+        "Good and Fair share the lead: each is best, alone or with others, in both columns by PSNR. Ahead: Good and "
+        "Fair level in Unseen light; Good and Fair level in Unseen pose."
+    )
+    assert (
+        answer(alike).cost == "New pose under a single light, and training: Good 4.20 ms, 10.0 s; Fair 4.20 ms, 10.0 s."
+    )
     assert "nothing to compare" in answer(table(write_run(tmp_path / "none", methods=("oracle",)))).best
 
 
