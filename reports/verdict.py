@@ -46,7 +46,7 @@ def answer(table: Table) -> Answer:
         )
     if len(methods) == 1:
         return Answer(
-            f"{methods[0].title} was run alone: there is no method to compare it with.", _scope(table), "", warnings
+            f"{methods[0].title} stands alone: there is no method to compare it with.", _scope(table), "", warnings
         )
     found = _wins(table, leaders[0])
     where = f"{_of(len(found), len(first))} by {metric}"
@@ -197,7 +197,7 @@ def _claim(table: Table, methods: Sequence[Row], leader: Row, found: Sequence[in
 
 
 def _cost(table: Table, methods: Sequence[Row], leader: Row, index: int) -> str:
-    """What it takes beside the next best: time of a frame, training."""
+    """What it takes: time of a frame beside the next best, training, memory."""
     kind = table.timed_kind
     own = leader.times.new_pose_ms.get(kind)
     parts = []
@@ -209,11 +209,13 @@ def _cost(table: Table, methods: Sequence[Row], leader: Row, index: int) -> str:
             parts[-1] += f", {_times(own.median / theirs.median)} {other.title}"
     if (train := leader.times.train_s) is not None:
         parts.append(f"{_clock(train)} of training")
+    if (memory := leader.footprint.memory_mb) is not None:
+        parts.append(f"{memory.median / 1024:.1f} GiB of memory while drawing")
     return f"It takes {listed(parts)}." if parts else ""
 
 
 def _costs(table: Table, rows: Sequence[Row]) -> str:
-    """What each of several takes: "New pose under an environment, and training: PALM-Net 651 ms, 21.1 min; …"."""
+    """What each of several takes: "A new pose under an environment, and training: PALM-Net 651 ms, 21.1 min; …"."""
     kind = table.timed_kind
     costs = ((row.title, row.times.new_pose_ms.get(kind), row.times.train_s) for row in rows)
     parts = [f"{title} {duration(own)} ms, {_clock(train)}" for title, own, train in costs if own and train]

@@ -37,6 +37,7 @@ def add(verbs: Any) -> None:
 def _score(arguments: argparse.Namespace) -> int:
     from ..bench.score import score, template
     from ..data.predictions import Unfit
+    from ..data.predictions.manifest import METHOD_NAME
     from ..files import check_folder
 
     _check_company(arguments)
@@ -48,7 +49,10 @@ def _score(arguments: argparse.Namespace) -> int:
             tell({"asked": count, "folder": str(arguments.template)})
             return 0
         say(f"{count} pictures are asked for, see {arguments.template / 'asked' / 'queries.json'}")
-        say(f"draw them, complete {arguments.template / 'manifest.json'}, and score the folder")
+        say(
+            f"draw them, complete {arguments.template / 'manifest.json'} (method: {METHOD_NAME}; title: what tables "
+            "call the row), and score the folder"
+        )
         return 0
     command = ["handbench", *sys.argv[1:]]
     chosen = (arguments.out, arguments.data, arguments.name, arguments.allow_missing)

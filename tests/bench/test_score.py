@@ -678,7 +678,9 @@ def test_the_command_line(fakes, toy_table, folder, tmp_path, monkeypatch, capsy
     assert main(["score", "toy", "nowhere"]) == 2
     assert "there is no prediction folder nowhere; check its path" in capsys.readouterr().err
     assert main(["score", "toy", "--template", "new"]) == 0
-    assert "10 pictures are asked for, see new/asked/queries.json" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "10 pictures are asked for, see new/asked/queries.json" in said
+    assert "method: up to 64 letters, digits, points, dashes and underscores" in said
     assert main(["score", "toy", "--template", "newer", "--name", "theirs"]) == 2
     assert (
         capsys.readouterr().err

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from handbench.reports import render_csv, render_markdown, table, write_reports
+from handbench.reports.cost import Footprint, Span
 from handbench.reports.model import Row, Table
 from handbench.reports.verdict import answer, leader
 from handbench.results.reading import read_run, titled_apart
@@ -43,6 +44,9 @@ def test_a_lead_is_claimed_where_the_test_allows_it_and_only_there(tmp_path: Pat
         "hands too in each of them (paired test over subjects, p ≤ 0.05 after correction).",
         "It takes 4.20 ms for a new pose under a single light, as long as Fair and 10.0 s of training.",
     )
+    held = replace(many.rows[1], footprint=Footprint(memory_mb=Span(2048.0, 2000.0, 2100.0)))
+    with_memory = answer(replace(many, rows=(many.rows[0], held, *many.rows[2:])))
+    assert with_memory.cost.endswith("10.0 s of training and 2.0 GiB of memory while drawing.")
     few = table(write_run(tmp_path / "few", _apart(0.5), subjects=5))
     assert _rows(few)["good"] == (1, False), "p of five subjects cannot fall below 0.0625"
     assert "cannot be claimed for others" in answer(few).claim
@@ -121,14 +125,15 @@ def test_several_seeds_widen_the_interval_and_are_told(tmp_path: Path) -> None:
 
 def test_methods_alone_and_alike_are_told(tmp_path: Path) -> None:
     alone = table(write_run(tmp_path / "alone", methods=("oracle", "good")))
-    assert answer(alone).best == "Good was run alone: there is no method to compare it with."
+    assert answer(alone).best == "Good stands alone: there is no method to compare it with."
     alike = table(write_run(tmp_path / "alike"))
     assert answer(alike).best == (
         "Good and Fair share the lead: each is best, alone or with others, in both columns by PSNR. Ahead: Good and "
         "Fair level in Unseen light; Good and Fair level in Unseen pose."
     )
     assert (
-        answer(alike).cost == "New pose under a single light, and training: Good 4.20 ms, 10.0 s; Fair 4.20 ms, 10.0 s."
+        answer(alike).cost
+        == "A new pose under a single light, and training: Good 4.20 ms, 10.0 s; Fair 4.20 ms, 10.0 s."
     )
     assert "nothing to compare" in answer(table(write_run(tmp_path / "none", methods=("oracle",)))).best
 

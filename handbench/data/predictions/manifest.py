@@ -21,6 +21,7 @@ DISPLAYED = "sRGB, straight alpha"
 SUFFIXES = {COLOUR: ".exr", DISPLAYED: ".png"}
 """Of pictures, by what the manifest says of their colour."""
 MANIFEST, TIMES = "manifest.json", "times.json"
+METHOD_NAME = "up to 64 letters, digits, points, dashes and underscores"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _BYTES = 64 << 20  # no honest file is larger
 
@@ -100,7 +101,7 @@ def read_manifest(folder: Path, wanted: Manifest, problems: Problems) -> Manifes
             wrong(f"{key} is {_shown(text)}; give a text")
     method = content.get("method")
     if isinstance(method, str) and method.strip() and not name_fits(method):
-        wrong(f"method is {_shown(method)}; use up to 64 letters, digits, points, dashes and underscores")
+        wrong(f"method is {_shown(method)}; use {METHOD_NAME}")
     if type(content.get("seed", 0)) is not int or content.get("seed", 0) < 0:
         wrong(f"seed is {_shown(content['seed'])}; give a whole number, at least 0")
     if not isinstance(content.get("note", ""), str):

@@ -43,7 +43,7 @@ from ...scene import (
 )
 from ..exr import rgb, write_exr
 from .folder import ASKED, Asked, picture_path
-from .manifest import MANIFEST
+from .manifest import DISPLAYED, MANIFEST, METHOD_NAME
 
 _CONVENTIONS = (
     "metres, right-handed world, +y up",
@@ -52,6 +52,8 @@ _CONVENTIONS = (
     "environments: radiance, equirectangular; row 0 is up, the left border looks to -z, the first quarter to +x",
     "pictures: linear Rec. 709, premultiplied by alpha over black, OpenEXR with float or half channels R, G, B, A",
     "joints: axis-angle in radians, in the order of the capture's hand model",
+    f"manifest.json: method is {METHOD_NAME}; title is what tables call the row",
+    f'PNG files instead: sRGB, straight alpha, with colour "{DISPLAYED}" in manifest.json',
 )
 
 
