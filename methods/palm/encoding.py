@@ -100,12 +100,18 @@ class HashGrid(Encoding):
 _CORNERS = torch.tensor([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)])
 
 
+def _whole(first: Tensor, counts: Sequence[int]) -> Tensor:
+    """Rows (N, 8), in a table of all nodes, of the corners of cells whose first corner is (N, 3)."""
+    strides = torch.tensor([1, counts[0], counts[0] * counts[1]])
+    return (first * strides).sum(dim=1, keepdim=True) + (_CORNERS * strides).sum(dim=1)
+
+
 def _hashed(first: Tensor, counts: Sequence[int], rows: int) -> Tensor:
-    """Rows (N, 8) of the corners of cells whose first corner is (N, 3)."""
-    corners = first[:, None] + _CORNERS
+    """The same in a table of so many rows: by a hash if it has no row for each node."""
     nx, ny, nz = counts
     if nx * ny * nz <= rows:
-        return corners[..., 0] + nx * (corners[..., 1] + ny * corners[..., 2])
+        return _whole(first, counts)
+    corners = first[:, None] + _CORNERS
     mixed = corners[..., 0] * _PRIMES[0] ^ corners[..., 1] * _PRIMES[1] ^ corners[..., 2] * _PRIMES[2]
     return mixed % rows
 
@@ -131,8 +137,7 @@ class TriPlane(Encoding):
         found = []
         for table, counts in zip(self.tables, self.counts, strict=True):
             first, place = _cells(x, counts)
-            nodes = _hashed(first, counts, len(table))
-            found.append(interpolated(table, nodes, _weighted(place, counts, slopes)))
+            found.append(interpolated(table, _whole(first, counts), _weighted(place, counts, slopes)))
         first, place = _cells(x, self.sides)
         for table, axes in zip(self.planes, _PLANES, strict=True):
             found.append(self._plane(table, first, place, axes, slopes))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -34,6 +35,11 @@ class Picture:
     image: Tensor
     alpha: Tensor
     normal: Tensor | None
+
+    @cached_property
+    def edge(self) -> Array:
+        """Flat pixels near the edge of the hand: every step asks for some."""
+        return np.flatnonzero(near_edge(self.alpha.numpy() > 0.5, _EDGE)).astype(np.int32)
 
     def rays(self, row: Tensor, column: Tensor) -> tuple[Tensor, Tensor]:
         """Origins and unit directions (N, 3) through the middles of pixels."""
@@ -182,7 +188,7 @@ def drawn(pose: Taken, count: int, patch: int, rng: np.random.Generator) -> Rays
     parts: list[tuple[Picture, Array, Array]] = []
     which = rng.integers(len(pose.pictures), size=count)
     for number, picture in enumerate(pose.pictures):
-        parts.append((picture, *_pixels(picture.alpha.float().numpy(), int((which == number).sum()), rng)))
+        parts.append((picture, *_pixels(picture, int((which == number).sum()), rng)))
     if patch:
         parts.append(_patch(pose.pictures[int(rng.integers(len(pose.pictures)))], patch, rng))
     origins, directions, image, alpha, normal = [], [], [], [], []
@@ -205,14 +211,14 @@ def drawn(pose: Taken, count: int, patch: int, rng: np.random.Generator) -> Rays
     )
 
 
-def _pixels(alpha: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def _pixels(picture: Picture, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Rows and columns (count,) of random pixels: of the mask, its edge, and the rest."""
-    mask = alpha > 0.5
-    kinds = [np.flatnonzero(kind) for kind in (mask, near_edge(mask, _EDGE), ~mask)]
+    mask = picture.alpha.numpy() > 0.5
+    kinds = [np.flatnonzero(mask), picture.edge, np.flatnonzero(~mask)]
     shares = np.array([share if len(kind) else 0.0 for share, kind in zip(SHARES, kinds, strict=True)])
     of = rng.choice(3, count, p=shares / shares.sum())
     flat = np.concatenate([rng.choice(kind, int((of == k).sum())) for k, kind in enumerate(kinds) if len(kind)])
-    row, column = np.divmod(flat, alpha.shape[1])
+    row, column = np.divmod(flat, mask.shape[1])
     return row, column
 
 

@@ -65,12 +65,13 @@ def _counted(progress: Progress, done: int, every: int) -> Progress:
 class Lesson:
     """The losses of the model on poses of people.
 
-    Hands are posed once and kept: their codes change, their poses do not.
+    Hands are posed once and kept, and what they hide: their codes change, their poses do not.
     """
 
     def __init__(self, model: PalmModel, poses: list[Taken]) -> None:
         self.model, self.config, self.poses = model, model.config, poses
         self._posed: dict[int, PosedHand] = {}
+        self._shadows: dict[int, MeshOccluder] = {}
 
     def posed(self, sample: int) -> PosedHand:
         """The hand of a pose with its codes as they are now."""
@@ -104,8 +105,9 @@ class Lesson:
         if rays.normal is not None and config.normal and share >= config.normals_from:
             terms["normal"] = config.normal * (1.0 - 0.8 * share) * losses.normals(found, rays)
         if config.physical and share >= config.light_from:
-            shadows = MeshOccluder(PosedMesh(pose.mesh))
-            gaussians = self.model.light.gaussians()
+            if sample not in self._shadows:
+                self._shadows[sample] = MeshOccluder(PosedMesh(pose.mesh))
+            shadows, gaussians = self._shadows[sample], self.model.light.gaussians()
             made = physical(posed, found, gaussians, shadows, config.scattered, rng, places=config.places)
             shown = losses.colours(made, found.alpha.detach(), rays, background)
             terms["physical"] = config.physical * (shown[0] - shown[1]).abs().mean()
