@@ -1,9 +1,7 @@
 """Frames a second of the live viewer: `python -m benchmarks.live`.
 
 The viewer's own server draws 256 x 342 pictures of `urhand` and `physical` at texture 128 under a sky box, asked by one
-client over HTTP, one picture after the other as the page asks: the camera goes around, the light turns, both, poses
-follow one another. Weights are not trained unless a run is named (`--run RUN`), which costs the same.
-"""
+client over HTTP, X"""
 
 from __future__ import annotations
 
@@ -29,7 +27,7 @@ from handbench.recording import Recording
 from handbench.registry import CAPTURES
 from handbench.registry import METHODS as KNOWN
 from handbench.viewer.server import Server
-from handbench.viewer.session import Session
+from handbench.viewer.session import KEPT, Session
 
 from .poses import priors
 
@@ -44,6 +42,7 @@ class Live:
 
     avatar: str
     moves: str
+    draft: bool
     wall_ms: list[float]
     used_ms: float
 
@@ -83,7 +82,8 @@ def moves(poses: int, frames: int) -> dict[str, Iterator[str]]:
         "camera": (f"yaw={turn}" for turn in turns),
         "light": (f"turn={turn}" for turn in turns),
         "camera and light": (f"yaw={turn}&turn={turn}" for turn in turns),
-        "pose": (f"pose={i % poses}&turn={turn}" for i, turn in enumerate(turns, start=1)),
+        "pose shown before": (f"pose={i % poses}&turn={turn}" for i, turn in enumerate(turns, start=1)),
+        "new pose": (f"pose={i % poses}&turn={turn}" for i, turn in enumerate(turns, start=1)),
     }
 
 
@@ -94,15 +94,20 @@ def measured(portraits: list[Portrait], frames: int) -> list[Live]:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         link = http.client.HTTPConnection("127.0.0.1", server.server_port)
         for number, portrait in enumerate(portraits):
-            _ask(link, f"avatar={number}")  # the first picture finds the exposure
-            for name, queries in moves(len(session.postures[number]), frames).items():
-                walls, used = [], time.process_time()
-                for query in queries:
-                    start = time.perf_counter()
-                    _ask(link, f"avatar={number}&{query}")
-                    walls.append(1e3 * (time.perf_counter() - start))
-                each = 1e3 * (time.process_time() - used) / len(walls)
-                found.append(Live(portrait.name, name, walls[1:], each))
+            poses = len(session.postures[number])
+            for draft in (False, True):
+                wanted = f"avatar={number}&draft={int(draft)}"
+                for pose in range(poses):  # the first picture finds the exposure, and of each pose what is kept
+                    _ask(link, f"{wanted}&pose={pose}")
+                for name, queries in moves(poses, frames).items():
+                    session.kept = 1 if name == "new pose" else KEPT
+                    walls, used = [], time.process_time()
+                    for query in queries:
+                        start = time.perf_counter()
+                        _ask(link, f"{wanted}&{query}")
+                        walls.append(1e3 * (time.perf_counter() - start))
+                    each = 1e3 * (time.process_time() - used) / len(walls)
+                    found.append(Live(portrait.name, name, draft, walls[1:], each))
         server.shutdown()
     return found
 
@@ -124,11 +129,11 @@ def main() -> None:
     arguments = parser.parse_args()
     portraits = untrained(arguments.size) if arguments.run is None else of_run(arguments.run)
     table = Table(box=None, header_style="dim", title=f"{SIZE[0]} x {SIZE[1]} pictures; goal {GOAL:g} a second")
-    for title in ("avatar", "moves", "a second", "ms", "slowest ms", "processor ms"):
-        table.add_column(title, justify="left" if title in ("avatar", "moves") else "right")
+    for title in ("avatar", "moves", "pictures", "a second", "ms", "slowest ms", "processor ms"):
+        table.add_column(title, justify="left" if title in ("avatar", "moves", "pictures") else "right")
     for each in measured(portraits, arguments.frames):
         times = (f"{each.rate:.1f}", f"{median(each.wall_ms):.0f}", f"{max(each.wall_ms):.0f}", f"{each.used_ms:.0f}")
-        table.add_row(each.avatar, each.moves, *times)
+        table.add_row(each.avatar, each.moves, "drafts" if each.draft else "whole", *times)
     Console().print(table)
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import random
 
 import pytest
 
+from benchmarks.bad_inputs import clock
 from benchmarks.bad_inputs.bases import Bases, make_bases
 from benchmarks.bad_inputs.case import BAD, Answer, Case, verdict
 from benchmarks.bad_inputs.families import FAMILIES, generate
@@ -63,3 +65,13 @@ def test_spoiling_changes_something():
     for spoil, sound in ((spoiled_json, json_text), (spoiled_toml, toml_text), (spoiled_bytes, b"x" * 100)):
         changed = sum(spoil(rng, sound) != sound for _ in range(100))
         assert changed > 80, spoil.__name__
+
+
+def test_a_hang_is_told_by_time_that_the_process_had(tmp_path, monkeypatch):
+    blocked = Case("commands", "blocked", (), process=("mkfifo never; read line < never",))
+    assert next(answers([blocked], jobs=1, limit=0.2))[1].lost == "hang"
+    assert next(answers([Case("commands", "brief", (), process=("exit 3",))], jobs=1, limit=5.0))[1].code == 3
+    starving = itertools.count(0.0, 1e6)  # seconds for which its thread waited for a processor
+    monkeypatch.setattr(clock, "_waits", lambda group: iter([("1", next(starving))]))
+    late = Case("commands", "late", (), process=("sleep 0.3; exit 4",))
+    assert next(answers([late], jobs=1, limit=0.1))[1].code == 4

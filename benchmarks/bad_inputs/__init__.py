@@ -5,5 +5,5 @@ mutate.py        how sound files are spoiled: bytes, texts, JSON values
 bases.py         sound inputs, made once
 families.py      the table of families: protocols, runs, pictures, maps, prediction folders, captures, command lines
 surroundings.py  encodings, closed and full streams, signals, odd environments: a process each
-worker.py        the process that tries cases one after another; runner.py starts, times and replaces it
+worker.py        the process that tries cases one after another; runner.py starts, times (clock.py) and replaces it
 """

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import tempfile
 import time
@@ -26,6 +27,7 @@ def main() -> int:
     parser.add_argument("--only", choices=FAMILIES, help="one family")
     parser.add_argument("--jobs", type=int, default=2, help="processes side by side (default: 2)")
     parser.add_argument("--limit", type=float, default=LIMIT, metavar="SECONDS", help="for one input (default: 60)")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="begin no further input then (default: no end)")
     parser.add_argument("--out", type=Path, metavar="JSON", help="write every fault there")
     arguments = parser.parse_args()
     start = time.monotonic()
@@ -39,6 +41,8 @@ def main() -> int:
             if found in BAD:
                 faults.append(_fault(case, answer, found))
                 print(json.dumps(faults[-1])[:600], file=sys.stderr, flush=True)
+            if time.monotonic() - start > 60.0 * arguments.minutes:
+                break
     print(_table(counts, time.monotonic() - start))
     if arguments.out is not None:
         arguments.out.write_text(json.dumps(faults, indent=1) + "\n")

@@ -31,13 +31,21 @@ def layouts(rng: random.Random, hands: Hands) -> Case:
 
 
 def formats(rng: random.Random, hands: Hands) -> Case:
-    """A file of one format, spoiled: meshes, poses, cameras, cube maps, MANO's pickle."""
+    """A file of one format, spoiled: meshes, poses, cameras, cube maps, pictures, MANO's pickle."""
     name = rng.choice(list(hands.files))
     files = {key: content for key, content in hands.files.items() if key == name or key in _TOGETHER.get(name, ())}
-    call = {"obj": "mesh", "ply": "mesh", "glb": "mesh", "npz": "poses", "json": "cameras", "txt": "cameras"}
-    call |= {"ktx": "environment", "pkl": "mano"}
+    call = {
+        "obj": "mesh",
+        "ply": "mesh",
+        "glb": "mesh",
+        "npz": "poses",
+        "json": "cameras",
+        "txt": "cameras",
+        "bin": "cameras",
+    }
+    call |= {"ktx": "environment", "pkl": "mano", "jpg": "picture", "avif": "picture", "png": "picture"}
     suffix = name.rpartition(".")[2]
-    words = (f"call:{call[suffix]}", "." if suffix == "txt" else name)
+    words = (f"call:{call[suffix]}", "." if suffix in ("txt", "bin") else name)
     if rng.random() < 0.08:
         line = rng.choice(ENDLESS)
         kept = {key: content for key, content in files.items() if key != name}
@@ -46,7 +54,11 @@ def formats(rng: random.Random, hands: Hands) -> Case:
     return Case("formats", suffix, words, None, files)
 
 
-_TOGETHER = {"cameras.txt": ("images.txt",), "images.txt": ("cameras.txt",)}
+_TOGETHER = {
+    f"{one}.{kind}": (f"{other}.{kind}",)
+    for kind in ("txt", "bin")
+    for one, other in (("cameras", "images"), ("images", "cameras"))
+}
 
 
 def avatars(rng: random.Random, hands: Hands) -> Case:

@@ -16,9 +16,10 @@ from pathlib import Path
 from threading import local
 
 from .case import Answer, Case
+from .clock import STEP, Clock
 
-LIMIT = 60.0  # seconds a case may take
-START = 300.0  # seconds until a worker is ready
+LIMIT = 60.0  # seconds of a `Clock` that a case may take
+START = 300.0  # until a worker is ready
 _OWN = {"OMP_NUM_THREADS": "1", "PYTHONFAULTHANDLER": ""}
 
 
@@ -46,15 +47,20 @@ class Worker:
         command = [sys.executable, "-m", "benchmarks.bad_inputs.worker"]
         root, env = Path(__file__).resolve().parents[2], {**os.environ, **_OWN}
         pipe, nothing = subprocess.PIPE, subprocess.DEVNULL
-        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=nothing, cwd=root, env=env)
+        self._process = subprocess.Popen(
+            command, stdin=pipe, stdout=pipe, stderr=nothing, cwd=root, env=env, process_group=0
+        )
         if self._line(START) != b"ready\n":
             raise RuntimeError("a worker cannot start: try python -m benchmarks.bad_inputs.worker")
 
     def _line(self, limit: float) -> bytes | None:
         """The next line, b"" at the end, None if there is none in time."""
         assert self._process is not None and self._process.stdout is not None
-        ready, _, _ = select.select([self._process.stdout], [], [], limit)
-        return self._process.stdout.readline() if ready else None
+        clock = Clock(self._process.pid)
+        while clock.seconds() < limit:
+            if select.select([self._process.stdout], [], [], min(STEP, limit))[0]:
+                return self._process.stdout.readline()
+        return None
 
     def end(self) -> None:
         if self._process is not None:
@@ -79,16 +85,24 @@ def process(case: Case, folder: Path, limit: float) -> Answer:
             env=environment | root,
             start_new_session=True,
         )
-        try:
-            code = started.wait(limit)
-        except subprocess.TimeoutExpired:
-            os.killpg(started.pid, signal.SIGKILL)
-            started.wait()
-            return Answer(None, lost="hang")
+        clock = Clock(started.pid)
+        while (code := _ended(started, min(STEP, limit))) is None:
+            if clock.seconds() >= limit:
+                os.killpg(started.pid, signal.SIGKILL)
+                started.wait()
+                return Answer(None, lost="hang")
         for file in (out, err):
             file.seek(0)
         texts = [file.read(200_000).decode("utf-8", "replace") for file in (out, err)]
     return Answer(code, *texts)
+
+
+def _ended(process: subprocess.Popen[bytes], seconds: float) -> int | None:
+    """The exit code of a process, None if it goes on for longer."""
+    try:
+        return process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        return None
 
 
 def lay_out(case: Case, folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import struct
 import sys
@@ -9,6 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 TESTS = Path(__file__).resolve().parents[2] / "tests"
 
@@ -40,7 +42,8 @@ def make_hands(folder: Path) -> Hands:
     hand_model.cache_clear()
     stage, right = open_capture("mini"), hand_model("mano-right")
     places = {
-        name: folder / name for name in ("plain", "colmap", "interhand", "harp", "palm", "goliath", "pair", "own")
+        name: folder / name
+        for name in ("plain", "colmap", "interhand", "harp", "palm", "goliath", "pair", "own", "iphone")
     }
     for place in places.values():
         place.mkdir()
@@ -52,6 +55,7 @@ def make_hands(folder: Path) -> Hands:
     lookalikes.write_goliath(places["goliath"], stage)
     pairlookalike.write(places["pair"], stage, right, hand_model("mano-left"))
     phonelookalike.write_own(places["own"], stage, right)
+    phonelookalike.write_goliath(places["iphone"], stage, right)
     avatar, files = _avatar(folder / "a.avatar")
     obj = next(places["plain"].glob("meshes/*.obj"))
     files |= {
@@ -63,6 +67,8 @@ def make_hands(folder: Path) -> Hands:
         "images.txt": (places["colmap"] / "sparse" / "0" / "images.txt").read_bytes(),
         "MANO_RIGHT.pkl": (mano / "MANO_RIGHT.pkl").read_bytes(),
         "map.ktx": _ktx(),
+        **_binary_colmap(),
+        **_pictures(),
     }
     return Hands(mano, avatar, places, files)
 
@@ -107,3 +113,24 @@ def _ktx() -> bytes:
     faces = np.random.default_rng(2).random((6, 4, 4, 3)).astype("<f4")
     header = struct.pack("<13I", 0x04030201, 0x1406, 4, 0x1907, 0x8815, 0x1907, 4, 4, 0, 0, 6, 1, 0)
     return b"\xabKTX 11\xbb\r\n\x1a\n" + header + struct.pack("<I", faces[0].nbytes) + faces.tobytes()
+
+
+def _binary_colmap() -> dict[str, bytes]:
+    """A model of one camera and two pictures, as COLMAP writes it in binary."""
+    cameras = struct.pack("<QiiQQ4d", 1, 1, 1, 24, 32, 40.0, 40.0, 12.0, 16.0)
+    images = struct.pack("<Q", 2)
+    for number in (1, 2):
+        images += struct.pack("<i7di", number, 1.0, 0.0, 0.0, 0.0, 0.1 * number, 0.0, 0.4, 1)
+        images += f"{number}.png".encode() + b"\0" + struct.pack("<Q", 1) + struct.pack("<ddq", 3.0, 4.0, -1)
+    return {"cameras.bin": cameras, "images.bin": images}
+
+
+def _pictures() -> dict[str, bytes]:
+    """A small picture in each format that pictures of one's own may have and that is in no folder."""
+    codes = np.random.default_rng(5).integers(0, 256, (16, 12, 3)).astype(np.uint8)
+    found = {}
+    for suffix, kind in (("jpg", "JPEG"), ("avif", "AVIF"), ("png", "PNG")):
+        out = io.BytesIO()
+        Image.fromarray(codes).save(out, kind)
+        found[f"picture.{suffix}"] = out.getvalue()
+    return found

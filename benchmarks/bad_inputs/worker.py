@@ -100,6 +100,14 @@ def cameras(path: Path) -> str:
     return " ".join(f"{camera.name} {camera.centre.tolist()}" for camera in read_cameras(str(path), {}))
 
 
+def picture(path: Path) -> str:
+    """The size and the mean of a picture."""
+    from handbench.data.pictures import read_picture
+
+    image = read_picture(path).image
+    return f"{image.shape} {image.mean():.4g}"
+
+
 def mano(path: Path) -> str:
     """The digest of MANO's file, and what its hand is made of."""
     from handbench.hand.mano.files import read_mano
@@ -122,6 +130,7 @@ def avatar(path: Path) -> str:
 CALLS: dict[str, Callable[..., str]] = {
     **{"protocol": protocol, "environment": environment, "capture": capture, "score": score, "folder": folder},
     **{"mesh": mesh, "poses": poses, "cameras": cameras, "mano": mano, "avatar": avatar},
+    "picture": picture,
 }
 
 

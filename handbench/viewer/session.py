@@ -26,12 +26,15 @@ from ..scene.colour import eight_bit
 _MAP = (64, 128)
 """Texels of a map that is turned live: methods reduce it to 16 x 32 or fewer."""
 _QUALITY = 90
+KEPT = 12
+"""Poses of an avatar that are kept, those that were shown last: going back to one costs no more than turning it."""
 
 
 @dataclass(frozen=True)
 class Glance:
     """What is asked of an avatar: a pose and a camera by number, the camera's way around the hand in degrees, its zoom,
-    a map by number, the light's turn in degrees, and stops of exposure beside what suits the map."""
+    a map by number, the light's turn in degrees, stops of exposure beside what suits the map; and with `draft` 1 a
+    picture of half as many pixels both ways, for while something moves."""
 
     avatar: int
     pose: int = 0
@@ -41,6 +44,7 @@ class Glance:
     light: int = 0
     turn: float = 0.0
     exposure: float = 0.0
+    draft: int = 0
 
 
 @dataclass(frozen=True)
@@ -52,13 +56,16 @@ class Drawn:
 
 
 class Session:
-    """Avatars, maps, and the size of pictures. Pictures of one avatar are drawn one after the other."""
+    """Avatars, maps, the size of pictures, and how many poses are kept. Pictures of one avatar are drawn one after the
+    other."""
 
-    def __init__(self, portraits: Sequence[Portrait], lights: Sequence[NamedLight], size: tuple[int, int]) -> None:
-        self.portraits, self.lights, self.size = tuple(portraits), tuple(lights), size
+    def __init__(
+        self, portraits: Sequence[Portrait], lights: Sequence[NamedLight], size: tuple[int, int], kept: int = KEPT
+    ) -> None:
+        self.portraits, self.lights, self.size, self.kept = tuple(portraits), tuple(lights), size, kept
         self.postures = [list(portrait.repertoire.postures.values()) for portrait in portraits]
         self._locks = [threading.Lock() for _ in portraits]
-        self._held: list[tuple[int, Held] | None] = [None for _ in portraits]
+        self._held: list[dict[int, Held]] = [{} for _ in portraits]  # by pose, the last one shown at the end
         self._exposures: dict[int, float] = {}
         self._exposing = threading.Lock()
         self.map = lru_cache(maxsize=32)(self._map)
@@ -72,9 +79,9 @@ class Session:
                     "title": portrait.info.title,
                     "subject": portrait.repertoire.subject,
                     "poses": [posture.name for posture in postures],
-                    "size": [(camera := self._first(i)).width, camera.height],
+                    "size": list(self.size),
                 }
-                for i, (portrait, postures) in enumerate(zip(self.portraits, self.postures, strict=True))
+                for portrait, postures in zip(self.portraits, self.postures, strict=True)
             ],
             "lights": [light.label for light in self.lights],
         }
@@ -108,20 +115,22 @@ class Session:
         return answer
 
     def _posed(self, view: Glance) -> PosedAvatar:
-        """The avatar in the view's pose, before its camera: what was drawn last is turned if the pose is the same."""
+        """The avatar in the view's pose, before its camera: a pose that is kept is turned, not posed anew."""
         portrait, posture = self.portraits[view.avatar], self.postures[view.avatar][view.pose]
-        shown = portrait.repertoire
-        camera = self._first(view.avatar, posture.name)
-        if (view.yaw, view.pitch, view.zoom) != (0.0, 0.0, 1.0):
-            camera = orbited(camera, shown.middle(posture), view.yaw, view.pitch, view.zoom)
-        pose, held = self._held[view.avatar] or (view.pose, None)
-        held = portrait.posed(shown.viewpoint(posture, camera), held if pose == view.pose else None)
-        self._held[view.avatar] = view.pose, held
-        return held.posed
+        held = self._held[view.avatar]
+        found = portrait.posed(portrait.repertoire.viewpoint(posture, self._camera(view)), held.pop(view.pose, None))
+        held[view.pose] = found
+        while len(held) > self.kept:
+            del held[next(iter(held))]
+        return found.posed
 
-    def _first(self, avatar: int, posture: str | None = None) -> Camera:
-        shown = self.portraits[avatar].repertoire
-        return resized(shown.camera_of(posture or self.postures[avatar][0].name), *self.size)
+    def _camera(self, view: Glance) -> Camera:
+        shown, posture = self.portraits[view.avatar].repertoire, self.postures[view.avatar][view.pose]
+        width, height = (max(1, pixels // 2) for pixels in self.size) if view.draft else self.size
+        camera = resized(shown.camera_of(posture.name), width, height)
+        if (view.yaw, view.pitch, view.zoom) == (0.0, 0.0, 1.0):
+            return camera
+        return orbited(camera, shown.middle(posture), view.yaw, view.pitch, view.zoom)
 
     def _map(self, light: int) -> Environment:
         found = self.lights[light].read()
@@ -148,7 +157,8 @@ class Session:
         for name, count in counts.items():
             if not 0 <= getattr(view, name) < count:
                 raise InputError(f"there is no {name} {getattr(view, name)}; give 0 to {count - 1}")
-        for name, low, high in (("zoom", 0.1, 10.0), ("exposure", -20.0, 20.0), ("pitch", -180.0, 180.0)):
+        ranges = {"zoom": (0.1, 10.0), "exposure": (-20.0, 20.0), "pitch": (-180.0, 180.0), "draft": (0, 1)}
+        for name, (low, high) in ranges.items():
             if not low <= getattr(view, name) <= high:
                 raise InputError(f"{name} is {getattr(view, name):g}; give {low:g} to {high:g}")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import shutil
 import socket
 import struct
@@ -12,6 +13,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from http.client import HTTPConnection
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +22,8 @@ from PIL import Image
 from handbench.avatars.portrait import Portrait
 from handbench.data.lights import NamedLight
 from handbench.errors import InputError
+from handbench.method import Avatar, PosedAvatar
+from handbench.scene import Viewpoint
 from handbench.viewer.server import Server
 from handbench.viewer.session import Glance, Session
 
@@ -55,9 +59,36 @@ def test_pictures_follow_the_view(session: Session) -> None:
     assert opened(session.thumbnail(0, 90.0)).shape == (64, 128, 3)
 
 
-@pytest.mark.parametrize(
-    "view", [Glance(2), Glance(0, pose=9), Glance(0, light=-1), Glance(0, zoom=0.0), Glance(0, exposure=99)]
-)
+def test_drafts_show_the_same_in_half_as_many_pixels_both_ways(session: Session) -> None:
+    view = Glance(0, pose=1, yaw=30, zoom=1.2, turn=40)
+    whole, draft = (opened(session.draw(replace(view, draft=d)).jpeg) for d in (0, 1))
+    assert whole.shape == (64, 48, 3) and draft.shape == (32, 24, 3)
+    halved = whole.reshape(32, 2, 24, 2, 3).mean((1, 3))
+    assert np.abs(halved - draft).mean() < 4.0 < np.abs(halved - draft[:, ::-1]).mean()
+
+
+def test_poses_shown_last_are_kept(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    posed: list[str] = []
+    first = session.portraits[0]
+    anew = type(first.avatar).pose
+
+    def pose(avatar: Avatar, viewpoint: Viewpoint) -> PosedAvatar:
+        posed.append(viewpoint.pose_name)
+        return anew(avatar, viewpoint)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(type(first.avatar), "pose", pose)
+    for kept, expected in ((2, ["rest", "turned"]), (1, ["rest", "turned", "rest", "turned"])):
+        posed.clear()
+        fresh = Session([first], session.lights, session.size, kept)
+        for number, turn in enumerate((0.0, 0.0, 30.0, 30.0)):
+            fresh.draw(Glance(0, pose=number % 2, turn=turn, yaw=turn))
+        assert posed == expected
+
+
+ABSENT = {"avatar": 2, "pose": 9, "light": -1, "zoom": 0.0, "exposure": 99, "draft": 2}
+
+
+@pytest.mark.parametrize("view", [replace(Glance(0), **{name: value}) for name, value in ABSENT.items()])
 def test_numbers_that_there_are_not_are_told(session: Session, view: Glance) -> None:
     with pytest.raises(InputError, match="give"):
         session.draw(view)
@@ -198,5 +229,19 @@ def test_the_page_by_keyboard(server: Server) -> None:
         count = settled(count)
         page.keyboard.press("0")
         assert page.locator("#yaw-out").inner_text() == "0°" and page.locator("#light").input_value() == "0"
+        settled(count)
+
+        def slow(route: Any) -> None:
+            answer = route.fetch()
+            route.fulfill(response=answer, headers={**answer.headers, "x-milliseconds": "400"})
+
+        page.route("**/picture?*", slow)
+        asked: list[int] = []
+        page.on("request", lambda request: asked.extend(map(int, re.findall(r"picture.*draft=(\d)", request.url))))
+        for key in ("ArrowRight", "ArrowRight"):
+            page.keyboard.press(key)
+            count = settled(count)
+        page.wait_for_function("() => [...document.querySelectorAll('canvas')].every((c) => c.dataset.draft === '0')")
+        assert 1 in asked and asked[-2:] == [0, 0] and page.locator("canvas").first.evaluate("c => c.width") == 48
         assert page.locator("#error").is_hidden() and not troubles, troubles
         browser.close()

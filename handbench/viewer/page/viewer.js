@@ -2,7 +2,10 @@
 const $ = (id) => document.getElementById(id);
 const START = { pose: 0, yaw: 0, pitch: 0, zoom: 0, light: 0, turn: 0, exposure: 0 };
 const RANGES = { turn: "°", yaw: "°", pitch: "°", zoom: "×", exposure: " EV" };
+const REST = 300; // ms without a change until what stands still is drawn whole
+const SLOW = 125; // ms: pictures that take longer are drafts while something moves
 const view = { ...START };
+let changed = -REST;
 let avatars = [];
 let playing = false;
 let last = 0;
@@ -12,6 +15,7 @@ const clamped = (value, low, high) => Math.min(high, Math.max(low, value));
 
 function set(changes) {
   Object.assign(view, changes);
+  changed = performance.now();
   view.yaw = wrapped(view.yaw);
   view.turn = wrapped(view.turn);
   view.pitch = clamped(view.pitch, -85, 85);
@@ -30,32 +34,39 @@ function set(changes) {
 
 const number = (value) => String(Number(value.toFixed(4)));
 
+// What a picture costs depends on what is another than in the one before: pose, camera or size, or the light alone.
+function kindOf(query, before) {
+  const other = (...names) => !before || names.some((name) => query[name] !== before[name]);
+  if (other("pose")) return "pose";
+  return other("yaw", "pitch", "zoom", "draft") ? "camera" : "light";
+}
+
+// Whether the next picture is to be a draft: something moves, and whole pictures of its kind are slow.
+function drafted(avatar, query) {
+  if (performance.now() - changed > REST) return false;
+  const kind = kindOf({ ...query, draft: avatar.shown ? avatar.shown.draft : 0 }, avatar.shown);
+  if (!(avatar.whole[kind] > SLOW)) return false;
+  avatar.whole[kind] *= 0.97; // so that a whole one is tried again some time
+  return true;
+}
+
 // One request at a time for each avatar: what is asked meanwhile is asked once more at the end, as it then is.
 async function ask(avatar) {
   avatar.wanted = true;
   if (avatar.busy) return;
   avatar.busy = true;
+  clearTimeout(avatar.rest);
   while (avatar.wanted) {
     avatar.wanted = false;
-    const query = new URLSearchParams({
+    const query = {
       avatar: avatar.number, pose: Math.min(view.pose, avatar.poses.length - 1), yaw: number(view.yaw), pitch: number(view.pitch),
       zoom: number(2 ** view.zoom), light: view.light, turn: number(view.turn), exposure: number(view.exposure),
-    });
+    };
+    query.draft = drafted(avatar, query) ? 1 : 0;
     try {
-      const answer = await fetch(`picture?${query}`);
+      const answer = await fetch(`picture?${new URLSearchParams(query)}`);
       if (!answer.ok) throw new Error((await answer.json()).error);
-      const picture = await createImageBitmap(await answer.blob());
-      avatar.canvas.width = picture.width;
-      avatar.canvas.height = picture.height;
-      avatar.canvas.getContext("2d").drawImage(picture, 0, 0);
-      const now = performance.now();
-      const rate = avatar.drawn ? 1000 / (now - avatar.drawn) : 0;
-      avatar.drawn = now;
-      avatar.rate = rate > 1 ? 0.8 * (avatar.rate || rate) + 0.2 * rate : 0;
-      avatar.count += 1;
-      avatar.canvas.dataset.count = avatar.count;
-      const ms = Number(answer.headers.get("X-Milliseconds"));
-      avatar.time.textContent = `${ms.toFixed(0)} ms` + (avatar.rate ? ` · ${avatar.rate.toFixed(1)} / s` : "");
+      show(avatar, query, await createImageBitmap(await answer.blob()), Number(answer.headers.get("X-Milliseconds")));
       avatar.error = "";
     } catch (error) {
       avatar.error = error.message || "the viewer's server does not answer; start it again";
@@ -63,6 +74,23 @@ async function ask(avatar) {
     fail(avatars.map((each) => each.error).find(Boolean) || "");
   }
   avatar.busy = false;
+  if (avatar.shown && avatar.shown.draft && !avatar.error) avatar.rest = setTimeout(() => ask(avatar), REST);
+}
+
+function show(avatar, query, picture, ms) {
+  avatar.canvas.width = picture.width;
+  avatar.canvas.height = picture.height;
+  avatar.canvas.getContext("2d").drawImage(picture, 0, 0);
+  if (!query.draft && avatar.shown) avatar.whole[kindOf(query, avatar.shown)] = ms; // the first compiles what it needs
+  avatar.shown = query;
+  const now = performance.now();
+  const rate = avatar.drawn ? 1000 / (now - avatar.drawn) : 0;
+  avatar.drawn = now;
+  avatar.rate = rate > 1 ? 0.8 * (avatar.rate || rate) + 0.2 * rate : 0;
+  avatar.count += 1;
+  Object.assign(avatar.canvas.dataset, { count: avatar.count, draft: query.draft });
+  avatar.time.textContent =
+    (query.draft ? "draft · " : "") + `${ms.toFixed(0)} ms` + (avatar.rate ? ` · ${avatar.rate.toFixed(1)} / s` : "");
 }
 
 let mapBusy = false;
@@ -174,7 +202,7 @@ async function open() {
     caption.append(name, time);
     figure.append(canvas, caption);
     $("stage").append(figure);
-    return { ...told, number: index, canvas, time, count: 0, busy: false, wanted: false, drawn: 0, error: "" };
+    return { ...told, number: index, canvas, time, count: 0, busy: false, wanted: false, drawn: 0, error: "", whole: {}, shown: null, rest: 0 };
   });
   const longest = state.avatars.reduce((one, other) => (other.poses.length > one.poses.length ? other : one));
   longest.poses.forEach((name, index) => $("pose").add(new Option(name, index)));
