@@ -13,10 +13,13 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import handbench
 from handbench.cli import parser
+from handbench.data.environments import read_environment
+from handbench.light.environment import directions
 from handbench.methods.reflectance import model
 
 ROOT = Path(__file__).parents[1]
@@ -89,3 +92,12 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     for page in ("index.html", "tutorial/index.html", "reference/python/index.html"):
         assert (tmp_path / "site" / page).is_file()
     assert "handbench.interface.run" in (tmp_path / "site" / "reference" / "python" / "index.html").read_text()
+
+
+def test_the_one_texel_map_of_the_docs_is_written_and_lies_where_it_says(tmp_path, monkeypatch):
+    code = (ROOT / "docs" / "environment-maps.md").read_text().partition("```python")[2].partition("```")[0]
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, "environment-maps.md", "exec"), {})
+    radiance = read_environment(tmp_path / "sun-x.exr").radiance
+    row, column = np.unravel_index(radiance.sum(axis=-1).argmax(), radiance.shape[:2])
+    assert directions(*radiance.shape[:2])[row, column] @ [1.0, 0.0, 0.0] > 0.98

@@ -45,10 +45,12 @@ def add(verbs: Any) -> None:
     template.add_argument("place", type=Path, metavar="FOLDER", help="a folder with pictures")
     template.set_defaults(verb=_data_template)
     for verb in (make, show, check):
-        more = "" if verb is make else ", or a folder of your own"
+        more = "" if verb is make else ", or a folder of your own or of a published capture"
         verb.add_argument("capture", help=f"a name that 'handbench list captures' shows{more}")
         verb.add_argument(
-            "--size", default="quick", metavar="SIZE", help="mini, quick (default), dense, standard or full"
+            "--size",
+            metavar="SIZE",
+            help="mini, quick (default), dense, standard or full; released (default) of captures that others publish",
         )
         verb.add_argument("--data", "--folder", dest="folder", type=Path, metavar="DIR", help="where captures are kept")
     for verb in (make, show, check, template):
@@ -66,7 +68,7 @@ def _data_make(arguments: argparse.Namespace) -> int:
 
     shard = None if arguments.shard is None else Shard.parse(arguments.shard)
     processes = arguments.processes or min(_MOST, os.cpu_count() or 1)
-    name, size, folder = arguments.capture, arguments.size, arguments.folder
+    name, size, folder = arguments.capture, _size(arguments), arguments.folder
     with steps() as told:
         left = make_capture(name, size, folder, told, shard, arguments.executor, arguments.cpus, processes)
     if arguments.json:
@@ -152,11 +154,12 @@ def _data_template(arguments: argparse.Namespace) -> int:
 
 
 def _own(arguments: argparse.Namespace) -> bool:
-    """Whether a folder is named, not a capture: one that is called like a capture is told by a slash."""
-    from ..registry import CAPTURES
+    """Whether a folder is named, not a capture. One that is called like a capture which is made here is told by a
+    slash; those that are brought lie in folders, and one of that name here is meant."""
+    from ..data.openstage import PRESETS
 
     named = arguments.capture
-    return "/" in named or (named not in CAPTURES.entries() and Path(named).is_dir())
+    return "/" in named or (named not in PRESETS and Path(named).is_dir())
 
 
 def _facts(capture: Any) -> dict[str, Any]:
@@ -178,6 +181,12 @@ def _capture(arguments: argparse.Namespace) -> Any:
 
             return open_at(Path(arguments.capture))
         if (name := arguments.capture) in openstage.PRESETS:
-            openstage.check_made(arguments.size, arguments.folder, openstage.generated(name))
+            openstage.check_made(_size(arguments), arguments.folder, openstage.generated(name))
     with steps() as told:
-        return open_capture(arguments.capture, arguments.size, arguments.folder, told)
+        return open_capture(arguments.capture, _size(arguments), arguments.folder, told)
+
+
+def _size(arguments: argparse.Namespace) -> str:
+    from ..data.capture import usual_size
+
+    return usual_size(arguments.capture) if arguments.size is None else str(arguments.size)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
+from inspect import signature
 from pathlib import Path
 
 from ..errors import BadFrame, HandbenchError, InputError, StorageError
@@ -21,6 +22,12 @@ def open_capture(
     What is missing of it is made; `told` gives a label its progress. Raises `InputError` for an unknown name or size.
     """
     return CAPTURES.load(name)(size=size, folder=folder, progress=told(f"capture {name} {size}"))
+
+
+def usual_size(name: str) -> str:
+    """The size of a registered capture where none is said: its own default. Raises `InputError` for an unknown name."""
+    size = signature(CAPTURES.load(name)).parameters.get("size")
+    return "quick" if size is None or not isinstance(size.default, str) else size.default
 
 
 class Capture(ABC):

@@ -14,7 +14,7 @@ from .exrheader import Part, opened, read_parts, the_part
 from .filekind import MAX_PIXELS
 
 
-def write_exr(path: Path, channels: Mapping[str, Array]) -> None:
+def write_exr(path: Path | str, channels: Mapping[str, Array]) -> None:
     """Write float16 or float32 channels, each (H, W), under names such as "R" or "normal.X".
 
     The file appears whole or not at all. Raises `InputError` for a shape or type that EXR lacks and
@@ -22,6 +22,7 @@ def write_exr(path: Path, channels: Mapping[str, Array]) -> None:
     """
     import OpenEXR
 
+    path = Path(path)
     shapes = {np.shape(pixels) for pixels in channels.values()}
     if len(shapes) != 1 or len(next(iter(shapes))) != 2:
         raise InputError(f"{path}: the channels of an EXR must share one (H, W) shape, got {sorted(shapes)}")

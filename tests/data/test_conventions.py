@@ -14,7 +14,7 @@ from PIL import Image
 from plainfolder import write_folder
 
 from handbench.cli import main
-from handbench.data.capture import Capture
+from handbench.data.capture import Capture, usual_size
 from handbench.data.conventions import checked
 from handbench.data.folder import FILE, open_folder
 from handbench.data.inspection import troubles
@@ -213,6 +213,10 @@ def test_the_sheet_shows_what_is_told() -> None:
     assert not (without[40:] == (70, 220, 255)).all(axis=-1).any()
 
 
+def test_a_capture_has_a_usual_size() -> None:
+    assert [usual_size(name) for name in ("openstage", "harp", "interhand")] == ["quick", "released", "released"]
+
+
 def test_the_verb_tells_and_draws(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
@@ -221,6 +225,9 @@ def test_the_verb_tells_and_draws(
     assert main(["data", "check", "hand"]) == 0
     said = capsys.readouterr().out
     assert "a plain folder, offers" in said and "all sound" in said and (tmp_path / "hand-check.png").is_file()
+    folder.rename(tmp_path / "harp")  # a folder is meant, whatever published capture is called like it
+    assert main(["data", "check", "harp"]) == 0 and "a plain folder" in capsys.readouterr().out
+    folder = (tmp_path / "harp").rename(folder)
     obj = folder / "meshes" / "pose-0.obj"
     obj.write_text("\n".join(line for line in obj.read_text().splitlines() if not line.startswith("f 1")))
     (folder / "masks" / "dorsal" / "pose-1.png").write_bytes(b"no picture")

@@ -17,6 +17,7 @@ def test_round_trip_keeps_names_and_values(tmp_path: Path) -> None:
     depth = rng.random((5, 7)).astype(np.float32)
     path = tmp_path / "picture.exr"
     write_exr(path, {**rgb(image), "depth.Z": depth})
+    write_exr(str(path), {**rgb(image), "depth.Z": depth})  # a path as text will do
     channels = read_exr(path)
     assert np.array_equal(stack(channels, ("R", "G", "B"), path), image.astype(np.float32))
     assert np.array_equal(channels["depth.Z"], depth)
