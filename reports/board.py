@@ -58,6 +58,7 @@ class History:
     column: Column
     lines: tuple[Line, ...]
     ticks: tuple[tuple[float, str], ...]
+    places: tuple[float, ...]  # of the runs, from left to right
 
 
 @dataclass(frozen=True)
@@ -157,7 +158,7 @@ def _history(column: Column, values: dict[str, list[tuple[int, Aggregate]]], ent
         )
         lines.append(Line(title, points, points[-1][1]))
     ticks = tuple((y(value), number(value, column.metric.decimals)) for value in (min(every), max(every)))
-    return History(column, tuple(_apart(lines)), ticks)
+    return History(column, tuple(_apart(lines)), ticks, tuple(map(x, range(len(entries)))))
 
 
 def _apart(lines: Sequence[Line]) -> Iterator[Line]:

@@ -43,7 +43,8 @@ def test_a_board_is_static_files_whose_links_lead_somewhere(tmp_path: Path, caps
     assert len(links) == 6 and all((page.parent / unquote(link)).is_file() for link in links)
     assert text.count("<h2") == 2 and "toy@1" in text and "toy@2" in text, "versions are never mixed"
     assert text.index("2026-01-09") < text.index("2026-01-02"), "the newest run first"
-    assert "<b></" not in text and "early &amp; &lt;b&gt;" in text
+    assert "<b></" not in text and '<b class="open">' in text, "best in its run, for these hands"
+    assert "early &amp; &lt;b&gt;" in text
 
 
 def test_a_history_goes_from_the_earliest_run_to_the_latest_with_better_up(tmp_path: Path) -> None:
@@ -54,6 +55,7 @@ def test_a_history_goes_from_the_earliest_run_to_the_latest_with_better_up(tmp_p
     across, up = [x for x, _, _ in line.points], [y for _, y, _ in line.points]
     assert across == sorted(across) and up[1] < up[2] < up[0], "y grows downwards"
     assert line.points[1][2] == "Good, b: 32.02"
+    assert list(history.places) == across, "every run has its number below"
     labels = sorted(line.label for line in history.lines)
     assert all(later - earlier >= 12 for earlier, later in pairwise(labels))
 
