@@ -34,7 +34,7 @@ _STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 _OPEN, _SUNK = r"$\circ$", r"{\tiny $\bigtriangledown$}"
 _POINT = 72.27  # in an inch
 _NEQ = latex(UNEQUAL)
-_TALL = 440.0  # points that the tabulars of a float may be high: a page of article has 550, caption and notes included
+_TALL = 520.0  # points that a float may be high: a page of article has 550
 _LEADING = 10.5  # from line to line at \footnotesize, with a share of the rules
 _GAP = 8.0  # points between columns: twice \tabcolsep
 _TINY = 0.72  # of the width of \footnotesize
@@ -107,16 +107,23 @@ def _floats(
 ) -> Iterator[Iterator[str]]:
     """One float, or as many as pages hold: those that go on have the first one's number."""
     batches: list[list[str]] = [[]]
-    free = _TALL
-    for tabular in tabulars:
-        if (free := free - _high(tabular)) < 0 and batches[-1]:
+    below = _LEADING * _lines_of(" ".join(notes), style)  # of the notes under the last tabular
+    free = _TALL - _LEADING * _lines_of(caption, style)
+    for place, tabular in enumerate(tabulars, start=1):
+        free -= _high(tabular)
+        if batches[-1] and free < (below if place == len(tabulars) else 0.0):
             batches.append([])
-            free = _TALL - _high(tabular)
+            free = _TALL - _high(tabular) - 2 * _LEADING
         batches[-1].append(tabular)
     for batch in batches:
         first, last = batch is batches[0], batch is batches[-1]
         text = caption if first else f"{title} (continued)."
         yield _float(style, text, label if first else "", batch, notes if last else (), goes_on=not first)
+
+
+def _lines_of(text: str, style: Style) -> float:
+    """About how many lines a text fills at \\footnotesize; a caption is larger."""
+    return _points(text) / (0.8 * style.inches * _POINT)
 
 
 def _high(tabular: str) -> float:

@@ -26,10 +26,12 @@ def add(verbs: Any) -> None:
 
     speed = verbs.add_parser("speed", help=SUMMARIES["speed"])
     speed.add_argument("--methods", type=names, metavar="A,B", help="instead of all registered methods")
-    speed.add_argument("--quick", action="store_true", help="one scene and fewer settings, about a minute")
+    speed.add_argument(
+        "--short", "--quick", dest="short", action="store_true", help="one scene and fewer settings, about a minute"
+    )
     speed.add_argument("--out", type=Path, default=Path("runs/speed"), metavar="DIR", help="default: runs/speed")
     json_option(speed)
-    examples(speed, "speed --quick", "speed --methods phong,physical --out runs/quick  # into the page of a run")
+    examples(speed, "speed --short", "speed --methods phong,physical --out runs/quick  # into the page of a run")
     speed.set_defaults(verb=_speed)
 
     geometry = verbs.add_parser("geometry", help=SUMMARIES["geometry"])
@@ -82,7 +84,7 @@ def _speed(arguments: argparse.Namespace) -> int:
 
     check_folder(arguments.out)
     with steps() as told:
-        found = STUDIES.load("speed")(arguments.methods, arguments.quick, ["handbench", *sys.argv[1:]], told)
+        found = STUDIES.load("speed")(arguments.methods, arguments.short, ["handbench", *sys.argv[1:]], told)
     path = write(arguments.out, found)
     from ..reports import write_reports
     from ..reports.speed import render_speed, write_speed_report

@@ -152,6 +152,7 @@ def test_published_rows_stand_in_every_format_and_win_nowhere(three: Path) -> No
     cells = [cell for row in rows for cell in row.cells]
     assert all((cell.rank, cell.covered, cell.expected, cell.low) == (0, 0, 0, None) for cell in cells)
     assert [cell.value for cell in rows[0].cells] == [None, None, None, 27.77, None, 0.12, None, None, None]
+    assert [result.tells(rows[0], each) for each in result.metrics] == [True, False, True], "no line of dashes"
     out = io.StringIO()
     Console(file=out, width=200).print(render_terminal(result))
     page = write_reports(three)["index.html"].read_text()
