@@ -139,7 +139,7 @@ def _float(
     yield r"  \centering\footnotesize\setlength{\tabcolsep}{4pt}"
     if goes_on:
         yield "  \\addtocounter{table}{-1}"
-    yield f"  \\caption{{{caption}}}"
+    yield f"  \\caption{{{caption}}}\\smallskip"
     if label:
         yield f"  \\label{{{label}}}"
     yield "\n\n  \\medskip\n".join(tabulars)
