@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -328,13 +329,17 @@ def test_a_manifest_that_nobody_writes_is_one_sentence(copy: Path, change: Calla
 
 
 def test_what_a_killed_generation_left_half_written_goes(tmp_path: Path) -> None:
-    old, new = (tmp_path / "s01" / f".{name}.exr.1.part" for name in ("old", "new"))
-    old.parent.mkdir()
-    for part in (old, new):
+    def still_there(age: float) -> bool:
+        part = tmp_path / "s01" / ".olat-00.exr.1.part"
+        part.parent.mkdir(exist_ok=True)
         part.write_text("half")
-    os.utime(old, (0, 0))
-    make(plan(), tmp_path)
-    assert not old.exists() and new.exists()
+        os.utime(part, (time.time() - age,) * 2)
+        make(plan(), tmp_path)
+        return part.exists()
+
+    assert not still_there(1000.0), "when a making starts"
+    assert not still_there(30.0), "when it is finished"
+    assert still_there(-1000.0), "another may be writing it"
 
 
 @pytest.mark.parametrize("name", ["capture.json", "s01/pose-0/tracked.npy", "topology.npz"])

@@ -32,6 +32,7 @@ from .trace.pathtrace import PathTracer
 
 BEGUN = "begun.json"  # which recipe a folder was begun with
 _LATELY = 600.0  # seconds: no file takes as long to write
+_FINISHED = 10.0  # seconds: once all files are there nobody writes them, but on a disk without locks
 _LONGEST_PAUSE = 5.0  # seconds between looks at what other processes have made
 
 
@@ -54,7 +55,7 @@ def make(
         folder.mkdir(parents=True, exist_ok=True)
         _check_space(production, folder)
         _begin(production, folder)
-        _sweep(folder)
+        _sweep(folder, _LATELY)
         manifest = describe(production)
         lost = frozenset(name for name in files(manifest) if not (folder / name).is_file())
         _save_shared(production, folder, manifest)
@@ -62,6 +63,7 @@ def make(
         _work(Maker(production, folder, PathTracer()), chosen, _files_of(folder, manifest), progress)
         left = tuple(key for key, paths in _files_of(folder, manifest).items() if not _all_there(paths))
         if finish and not left:
+            _sweep(folder, _FINISHED)
             _finish(folder, manifest, lost)
         return left
 
@@ -79,11 +81,11 @@ def _begin(production: Production, folder: Path) -> None:
         )
 
 
-def _sweep(folder: Path) -> None:
-    """Remove what killed processes left half-written. What was touched lately may be another machine's."""
+def _sweep(folder: Path, lately: float) -> None:
+    """Remove what killed processes left half-written. What was touched lately, in seconds, may be another's."""
     for part in folder.rglob(".*.part"):
         with suppress(OSError):
-            if time.time() - part.stat().st_mtime > _LATELY:
+            if time.time() - part.stat().st_mtime > lately:
                 part.unlink()
 
 

@@ -164,7 +164,7 @@ _STANDARD = StagePreset(
     environments=_TEN,
     height=512,
     width=384,
-    spp=128,
+    spp=192,
     truth_level=3,
     skin_size=2048,
     environment_height=256,
@@ -188,7 +188,7 @@ _EIGHT = (*_ALL, "back-ulnar", "palm-radial")
 _SMALL: dict[str, Any] = {"height": 64, "width": 48, "spp": 48, "truth_level": 1, "skin_size": 256}
 _SMALL |= {"environment_height": 32}
 _MEDIUM: dict[str, Any] = {"height": 256, "width": 192, "spp": 48, "truth_level": 2, "skin_size": 1024}
-_LARGE: dict[str, Any] = {"height": 512, "width": 384, "spp": 96, "truth_level": 3, "skin_size": 2048}
+_LARGE: dict[str, Any] = {"height": 512, "width": 384, "spp": 144, "truth_level": 3, "skin_size": 2048}
 _SCANS = (
     ScansPreset(name="mini", subjects=2, poses=2, cameras=("dorsal", "palmar"), scan_level=1, **_SMALL),
     ScansPreset(name="quick", subjects=24, poses=6, cameras=_EIGHT, **_MEDIUM | {"height": 192, "width": 144}),
