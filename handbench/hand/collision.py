@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,11 +53,24 @@ def _adjacent(a: str, b: str) -> bool:
     return (same_finger and abs(int(a[-1]) - int(b[-1])) == 1) or (a[-1] == b[-1] == "1")
 
 
-def _cap(faces: NDArray[Any], vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Close a patch: each border loop gets a fan round its mean. Returns the fans' triangles and all vertices."""
-    edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+def _across(faces: NDArray[Any]) -> NDArray[Any]:
+    """The face beyond each side of a face, (F, 3): corner 0 to 1, 1 to 2, 2 to 0; F where there is none."""
+    start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    count = int(faces.max()) + 1
+    sides, wanted = start * count + end, end * count + start
+    order = np.argsort(sides)
+    at = order[np.minimum(np.searchsorted(sides, wanted, sorter=order), len(sides) - 1)]
+    return np.where(sides[at] == wanted, at // 3, len(faces)).reshape(faces.shape)
+
+
+def _cap(patch: NDArray[Any], across: NDArray[Any], faces: NDArray[Any], vertices: NDArray[Any]) -> tuple[Any, Any]:
+    """Close a patch (F,) of a surface's faces: each border loop gets a fan round its mean.
+
+    Returns the fans' triangles and all vertices.
+    """
+    edges = faces[patch][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     count = len(vertices)
-    border = edges[~np.isin(edges[:, 1] * count + edges[:, 0], edges[:, 0] * count + edges[:, 1])]
+    border = edges[~np.append(patch, False)[across[patch].ravel()]]
     graph = sp.coo_array((np.ones(len(border)), (border[:, 0], border[:, 1])), shape=(count, count))
     _, label = connected_components(graph, directed=False)
     loops, loop_of = np.unique(label[border[:, 0]], return_inverse=True)
@@ -94,6 +108,12 @@ def penetration(hand: HandModel, vertices: NDArray[Any]) -> Penetration:
     For each part, all parts that are not its neighbours are cut out of the surface and closed with caps; a vertex
     collides if these enclose it (winding number), and its depth is the distance to their skin.
     """
+    depths = np.concatenate([np.zeros(1), *_depths(hand, vertices)])
+    return Penetration(float(depths.max()), int((depths > TOLERANCE).sum()))
+
+
+def _depths(hand: HandModel, vertices: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """How deep the vertices of one part after another are in parts that are not its neighbours."""
     import open3d as o3d
 
     level = min(LEVEL, hand.levels)
@@ -107,22 +127,20 @@ def penetration(hand: HandModel, vertices: NDArray[Any]) -> Penetration:
     lifted = fine + 1e-4 * normals  # off its own skin, so that a free vertex is outside
     inside = _winding(fine, faces, lifted, normals) > 0.5
 
-    parts = _parts(hand)
-    part_of = np.array([parts[j] for j in hand.weights(level).argmax(1)])
-    face_part = part_of[faces[:, 0]]
-    depths = np.zeros(len(fine))
+    names, part_of_joint = np.unique(_parts(hand), return_inverse=True)
+    part_of = part_of_joint[hand.weights(level).argmax(1)]
+    far = np.array([[not _adjacent(part, other) for other in names] for part in names])
+    across = _across(faces)
     for part in np.unique(part_of[inside]):
-        far = [other for other in parts if not _adjacent(part, other)]
-        own = np.flatnonzero(inside & (part_of == part))
-        if not far:
+        patch = far[part, part_of[faces[:, 0]]]
+        if not patch.any():
             continue
-        skin = faces[np.isin(face_part, far)]
-        fan, closed = _cap(skin, fine)
-        own = own[_winding(closed, np.concatenate([skin, fan]), lifted[own], normals[own]) > 0.5]
+        own = np.flatnonzero(inside & (part_of == part))
+        fan, closed = _cap(patch, across, faces, fine)
+        own = own[_winding(closed, np.concatenate([faces[patch], fan]), lifted[own], normals[own]) > 0.5]
         if len(own):
             points = o3d.core.Tensor.from_numpy(lifted[own].astype(np.float32))
-            depths[own] = _scene(fine, skin).compute_distance(points, nthreads=1).numpy()
-    return Penetration(float(depths.max()), int((depths > TOLERANCE).sum()))
+            yield _scene(fine, faces[patch]).compute_distance(points, nthreads=1).numpy()
 
 
 def relaxed(hand: HandModel, shape: ArrayLike, pose: Pose, steps: int = 5) -> Pose:
@@ -133,7 +151,7 @@ def relaxed(hand: HandModel, shape: ArrayLike, pose: Pose, steps: int = 5) -> Po
 
     def free(amount: float) -> bool:
         posed = hand.skin(shape, amount * pose.joints, dtype=torch.float64)
-        return penetration(hand, posed.numpy()).free
+        return not any((depths > TOLERANCE).any() for depths in _depths(hand, posed.numpy()))  # the first decides
 
     if free(1.0):
         return pose
