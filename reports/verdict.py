@@ -158,8 +158,10 @@ def _others(table: Table, leader: Row) -> str:
     rest = [i for i, column in enumerate(table.columns) if column.metric != table.metrics[0]]
     if not rest:
         return ""
-    count = sum(leader.cells[i].rank == 1 for i in rest)
-    return f" By the other metrics it is best in {count} of {counted(len(rest), 'value')}."
+    won = [i for i in rest if leader.cells[i].rank == 1]
+    shared = len(_shared([row for row in table.rows if row.kind == "method"], leader, won))
+    beside = f", {shared} of them with others" if shared else ""
+    return f" By the other metrics it is best in {len(won)} of {counted(len(rest), 'value')}{beside}."
 
 
 def _scope(table: Table) -> str:

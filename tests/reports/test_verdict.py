@@ -75,6 +75,9 @@ def test_a_method_that_shares_its_mark_is_not_told_as_ahead(tmp_path: Path) -> N
         "them another method cannot be told from it."
     )
     assert "The lead over those that come after holds for other hands too in 1 of these 2" in found.claim
+    equal = replace(fair, cells=tuple(replace(cell, rank=1) for cell in fair.cells))
+    told = answer(replace(result, rows=(result.rows[0], good, replace(equal, cells=(fair.cells[0], *equal.cells[1:])))))
+    assert told.best.endswith("By the other metrics it is best in 2 of 2 values, 2 of them with others.")
     behind = replace(result, rows=(result.rows[0], good, with_cell(fair, rank=1, value=ahead)))
     assert leader(behind) == good, "the page shows first what the verdict is about"
 
