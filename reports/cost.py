@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from statistics import median
 
 from handbench.results.record import CellRecord, Cost, Spread
-from handbench.scene import FrameKind
+from handbench.scene import TimedKind
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def _span(told: Sequence[float | None]) -> Span | None:
     return Span(median(values), min(values), max(values)) if values else None
 
 
-def _milliseconds(told: Sequence[Mapping[FrameKind, Spread]]) -> dict[str, Span]:
+def _milliseconds(told: Sequence[Mapping[TimedKind, Spread]]) -> dict[str, Span]:
     spreads: dict[str, list[Spread]] = {}
     for kind, spread in (item for by_kind in told for item in by_kind.items()):
         spreads.setdefault(kind, []).append(spread)

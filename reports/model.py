@@ -10,11 +10,12 @@ from handbench.results.statistics import Difference
 
 from .cost import Footprint, Times
 
-LIGHT_TITLES = {  # of frame kinds, from the light that costs most to the one that costs least
+LIGHT_TITLES = {  # of what is timed, from the light that costs most to the one that costs least
     "environment": "an environment",
     "full": "the full stage",
     "group": "a group of lights",
     "olat": "a single light",
+    "unknown": "the light as enrolled",
 }
 Kind = Literal["method", "calibration", "published"]
 
@@ -237,7 +238,7 @@ class Table:
 
     @property
     def timed_kind(self) -> str:
-        """The kind of frame whose times tables show: the first of `LIGHT_TITLES` that any row was timed under."""
+        """The kind of light whose times tables show: the first of `LIGHT_TITLES` that any row was timed under."""
         timed = {kind for row in self.computed for kind in (*row.times.new_pose_ms, *row.times.known_pose_ms)}
         return next((kind for kind in LIGHT_TITLES if kind in timed), "environment")
 

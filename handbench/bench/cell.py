@@ -20,7 +20,7 @@ from ..results.record import Cost, CurvePoint, Laws, Saved, ScoredFrame, Times
 from ..scene import Frame, Prediction
 from ..skips import tallied
 from . import given
-from .drawing import Drawing, light_refusal, repeated, same_picture, spreads
+from .drawing import Drawing, light_refusal, repeated, same_picture, spreads, timed_kind
 from .failure import Failure, failure
 from .isolation import isolated
 from .lending import Lender
@@ -168,9 +168,9 @@ def _relight(
     drawable = [f for f in frames if f.key not in unseen and light_refusal(info, ask(f).light) is None]
     warming, drawing = (Drawing(bench.reader, ask, info, avatar) for _ in range(2))
     # what a first call loads or compiles stays off the clock
-    for frame in {frame.kind: frame for frame in drawable}.values():
+    for frame in {timed_kind(frame, ask(frame)): frame for frame in drawable}.values():
         warming.anew(frame)
-    twice = repeated(drawable)
+    twice = repeated(drawable, ask)
     same: bool | None = None
     kept: dict[str, str] = {}
     scoring = Scoring(bench.reader, bench.metrics, bench.metrics_module, shown)

@@ -12,7 +12,7 @@ from ..errors import Unsupported
 from ..evenly import evenly
 from ..method import Avatar, MethodInfo, PosedAvatar, RecordedAvatar
 from ..results.record import Spread
-from ..scene import Frame, FrameKind, Light, Prediction, Query, kind_of, leaves
+from ..scene import Frame, Light, Prediction, Query, TimedKind, Unknown, kind_of, leaves
 from .failure import Failure
 from .lending import answered
 from .reader import CaptureReader, blame
@@ -23,8 +23,8 @@ _REPEATS = 4  # queries of each kind of frame that are drawn a second time, pose
 class Drawing:
     """Draws the queries of an avatar with the clock on; those of one viewpoint share a posed avatar.
 
-    new_pose_ms     by kind of frame, milliseconds of pose and relight together, for a viewpoint that nothing is kept of
-    known_pose_ms   by kind of frame, milliseconds of relight, for a viewpoint that was drawn under another light
+    new_pose_ms     by kind of light, milliseconds of pose and relight together, for a viewpoint that nothing is kept of
+    known_pose_ms   by kind of light, milliseconds of relight, for a viewpoint that was drawn under another light
     seconds         of everything that was drawn
     """
 
@@ -32,8 +32,8 @@ class Drawing:
         self._reader, self._ask, self._info, self._avatar = reader, ask, info, avatar
         self._key = ""
         self._posed: PosedAvatar | Failure
-        self.new_pose_ms: dict[FrameKind, list[float]] = {}
-        self.known_pose_ms: dict[FrameKind, list[float]] = {}
+        self.new_pose_ms: dict[TimedKind, list[float]] = {}
+        self.known_pose_ms: dict[TimedKind, list[float]] = {}
         self.seconds = 0.0
 
     def draw(self, frame: Frame) -> Prediction | Failure:
@@ -51,7 +51,7 @@ class Drawing:
         asked = self._ask(frame)
         start = time.perf_counter()
         prediction = self._avatar.pose(asked.viewpoint).relight(asked.light)
-        self.new_pose_ms.setdefault(frame.kind, []).append((time.perf_counter() - start) * 1e3)
+        self.new_pose_ms.setdefault(timed_kind(frame, asked), []).append((time.perf_counter() - start) * 1e3)
         return prediction
 
     def _shared(self, frame: Frame) -> Prediction | Failure:
@@ -66,7 +66,7 @@ class Drawing:
         if isinstance(self._posed, Failure):
             return self._posed
         prediction = self._posed.relight(asked.light)
-        times.setdefault(frame.kind, []).append((time.perf_counter() - start) * 1e3)
+        times.setdefault(timed_kind(frame, asked), []).append((time.perf_counter() - start) * 1e3)
         return prediction
 
     def _checked(self, frame: Frame, draw: Callable[[Frame], Prediction | Failure]) -> Prediction | Failure:
@@ -95,11 +95,16 @@ def light_refusal(info: MethodInfo, light: Light) -> str | None:
     return None
 
 
-def repeated(frames: Sequence[Frame]) -> set[str]:
-    """Keys of at most `_REPEATS` frames of each kind, evenly spread: they are drawn a second time, posed anew."""
-    kinds: dict[str, list[str]] = {}
+def timed_kind(frame: Frame, asked: Query) -> TimedKind:
+    """The light that a frame is drawn under: its own kind, unless the method is not told it."""
+    return "unknown" if any(isinstance(light, Unknown) for light in leaves(asked.light)) else frame.kind
+
+
+def repeated(frames: Sequence[Frame], ask: Callable[[Frame], Query]) -> set[str]:
+    """Keys of at most `_REPEATS` frames of each kind of light, evenly spread: they are drawn again, posed anew."""
+    kinds: dict[TimedKind, list[str]] = {}
     for frame in frames:
-        kinds.setdefault(frame.kind, []).append(frame.key)
+        kinds.setdefault(timed_kind(frame, ask(frame)), []).append(frame.key)
     return {key for keys in kinds.values() for key in evenly(keys, _REPEATS)}
 
 
@@ -109,8 +114,8 @@ def same_picture(one: Prediction, other: Prediction) -> bool:
     return bool(np.allclose(one.image, other.image, rtol=0, atol=1e-5 * scale, equal_nan=True))
 
 
-def spreads(times: dict[FrameKind, list[float]]) -> dict[FrameKind, Spread]:
-    """Milliseconds of all draws by kind of frame: the gate compares them one by one."""
+def spreads(times: dict[TimedKind, list[float]]) -> dict[TimedKind, Spread]:
+    """Milliseconds of all draws by kind of light: the gate compares them one by one."""
     return {
         kind: Spread(median(ms), min(ms), max(ms), len(ms), tuple(round(value, 4) for value in ms))
         for kind, ms in times.items()

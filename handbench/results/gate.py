@@ -15,7 +15,7 @@ from statistics import median
 import numpy as np
 
 from ..errors import InputError, unknown_name
-from ..scene import FRAME_KINDS
+from ..scene import TIMED_KINDS
 from .outcome import Check, Outcome, Verdict
 from .reading import Run, mismatch
 from .record import UNEQUAL, CellRecord, Device, MetricRecord, Spread
@@ -175,7 +175,7 @@ def _qualities(new: _Side, old: _Side, methods: Sequence[str], quality: Quality)
 def _times(new: _Side, old: _Side, methods: Sequence[str], allowed: float) -> Iterator[Check]:
     for method in methods:
         earlier = old.of(method)
-        for (name, title), kind in product(TIMES.items(), FRAME_KINDS):
+        for (name, title), kind in product(TIMES.items(), TIMED_KINDS):
             title = f"{title}, {kind}, ms"
             found = [(cell, earlier[place]) for place, cell in new.of(method).items() if place in earlier]
             pairs = [tuple(getattr(cell.times, name).get(kind) for cell in both) for both in found]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from ..method import Role
-from ..scene import FrameKind
+from ..scene import FrameKind, TimedKind
 from .schema import Json, Misfit, Rule, told
 
 SCHEMA = 3
@@ -248,10 +248,10 @@ class Times:
 
     train_s: Duration | None = told("training, in seconds, earlier stopped tries included", default=None)
     personalise_s: Duration | None = told("personalising, in seconds", default=None)
-    new_pose_ms: dict[FrameKind, Spread] = told(
-        "pose and relight, nothing kept, by kind of frame", default_factory=dict
+    new_pose_ms: dict[TimedKind, Spread] = told(
+        "pose and relight, nothing kept, by kind of light", default_factory=dict
     )
-    known_pose_ms: dict[FrameKind, Spread] = told("relight alone, under another light", default_factory=dict)
+    known_pose_ms: dict[TimedKind, Spread] = told("relight alone, under another light", default_factory=dict)
     relight_s: Duration = told("all relighting, in seconds", default=0.0)
     score_s: Duration = told("all scoring, in seconds", default=0.0)
     laws_s: Duration = told("measuring the laws, in seconds", default=0.0)

@@ -24,6 +24,9 @@ KNOWN_LIGHTS: frozenset[LightKind] = LIGHT_KINDS - {"unknown"}
 FrameKind = Literal["olat", "group", "full", "environment"]
 """How a frame is lit: by one light at a time, a group of a stage's lights, all of them, or an environment."""
 FRAME_KINDS: tuple[FrameKind, ...] = get_args(FrameKind)
+TimedKind = Literal[FrameKind, "unknown"]
+"""What a picture is timed under: a frame's light, or one that nobody tells, whatever it was."""
+TIMED_KINDS: tuple[TimedKind, ...] = get_args(TimedKind)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ import pytest
 
 from handbench.bench import given
 from handbench.bench.check import check_method
+from handbench.bench.drawing import timed_kind
 from handbench.bench.resolving import resolve
 from handbench.bench.run import run
 from handbench.bench.store import Store
@@ -155,6 +156,7 @@ def test_a_column_asks_for_the_light_as_enrolled(fakes, toy_protocol):
     frame = selected.scored["own"][0]
     query = given.asked(selected, MethodInfo("m", "M", "for tests"), frame)
     assert isinstance(query.light, Unknown) and query.lighting == given.AS_ENROLLED
+    assert frame.kind != "unknown" == timed_kind(frame, query), "its time is not one under the light that it was lit by"
     assert query.viewpoint.key == frame.viewpoint.key
     elsewhere = given.asked(selected, MethodInfo("m", "M", "for tests", timed=False), frame)
     assert elsewhere.key == query.key and isinstance(elsewhere.light, Unknown)
