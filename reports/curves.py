@@ -22,7 +22,7 @@ DPI = 130
 WIDE, TALL = 4.5, 2.5  # inches of a panel
 LEAST = 3  # points that make a line
 INK = "#1d1c1a"
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.size": 8,
     "font.family": "DejaVu Sans",
     "svg.fonttype": "none",

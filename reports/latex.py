@@ -272,11 +272,9 @@ def _head(column: Column) -> str:
 
 def _named(table: Table) -> Table:
     """The table whose rows tell enrolment only where it differs; else a note tells it once."""
-    return (
-        table
-        if len(_enrolments(table)) > 1
-        else replace(table, rows=tuple(replace(row, enrolment="") for row in table.rows))
-    )
+    if len(_enrolments(table)) > 1:
+        return table
+    return replace(table, rows=tuple(replace(row, enrolment="") for row in table.rows))
 
 
 def _enrolments(table: Table) -> list[str]:

@@ -53,7 +53,7 @@ def answer(table: Table) -> Answer:
     if len(leaders) > 1:
         names = listed([row.title for row in leaders])
         shared = f"{names} share the lead: each is best, alone or with others, in {where}."
-        return Answer(f"{shared} {_highest(table, methods)}", _scope(table), _costs(table, leaders), warnings)
+        return Answer(f"{shared}{_highest(table, methods)}", _scope(table), _costs(table, leaders), warnings)
     (leader,) = leaders
     best = f"{leader.title} is best in {where}{_ahead(table, methods, leader, found)}"
     return Answer(
@@ -150,7 +150,7 @@ def _highest(table: Table, methods: Sequence[Row]) -> str:
         else:
             ahead = f"{front.title} by {by} {column.metric.unit}".rstrip() + f" over {other.title}"
         parts.append(f"{ahead} in {column.group.title}")
-    return f"Ahead: {'; '.join(parts)}." if 0 < len(parts) <= _COLUMNS_TOLD else ""
+    return f" Ahead: {'; '.join(parts)}." if 0 < len(parts) <= _COLUMNS_TOLD else ""
 
 
 def _others(table: Table, leader: Row) -> str:
