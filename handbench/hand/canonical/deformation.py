@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 
+import numpy as np
 import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
@@ -78,16 +79,17 @@ class Nearest:
             self.posed = deformation.forward(field.coarse)
             self.back = torch.linalg.inv(deformation.blend(field.coarse))
         self.lattice = Lattice.around(self.posed.numpy(), _REACH, _CELL)
-        tree = cKDTree(self.posed.numpy())
-        distance, found = tree.query(self.lattice.nodes().numpy(), _AROUND, distance_upper_bound=_REACH)
+        tree, nodes = cKDTree(self.posed.numpy()), self.lattice.nodes().numpy()
+        near = np.flatnonzero(tree.query(nodes, distance_upper_bound=_REACH)[0] < _REACH)
+        distance, found = tree.query(nodes[near], _AROUND, distance_upper_bound=_REACH)
         there = torch.from_numpy(distance < _REACH)
         vertices = torch.from_numpy(found).where(there, 0)
         owner = field.bone[vertices].where(there, -1)
-        self.vertices = torch.full((len(vertices), MOST), -1)
-        taken = torch.full((len(vertices), MOST), -1)
-        count = torch.zeros(len(vertices), dtype=torch.long)
+        chosen, taken = (torch.full((len(near), MOST), -1) for _ in "vo")
+        count = torch.zeros(len(near), dtype=torch.long)
         for column, own in zip(vertices.T, owner.T, strict=True):
             rows = ((own >= 0) & (taken != own[:, None]).all(dim=1) & (count < MOST)).nonzero()[:, 0]
-            self.vertices[rows, count[rows]] = column[rows]
+            chosen[rows, count[rows]] = column[rows]
             taken[rows, count[rows]] = own[rows]
             count[rows] += 1
+        self.vertices = torch.full((len(nodes), MOST), -1).index_copy(0, torch.from_numpy(near), chosen)
