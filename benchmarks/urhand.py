@@ -67,7 +67,7 @@ def _networks(prior: URHandPrior, frame: Frame) -> list[Measurement]:
             towards = np.random.default_rng(0).normal(size=(count, 3))
             towards /= np.linalg.norm(towards, axis=1, keepdims=True)
             lights = LightSet(towards, np.full((count, 3), 1.0 / count), np.zeros((0, 3)), np.zeros((0, 3)))
-            surface = (material.normal, material.roughness, posed, frame.camera.centre)
+            surface = (material.normal, material.roughness, posed.position, frame.camera.centre)
             features = lighting.features(model.config, *surface, lights, posed.visibility(lights))
             times[count] = seconds(partial(model.colour, features, lights, material, texture, posed.atlas), 40)[10:]
     for count in (32, 512):

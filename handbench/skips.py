@@ -29,7 +29,7 @@ class Skips:
     agreed          shadow rays of many lights at texels between others that agree
     uncovered       texels that no triangle covers
     unseen          texels that no pixel looks up, for methods that shade texel by texel; where a network looks at them
-                    too, shadows of an environment at most of them
+                    too, the light of an environment at most of them
     occluded        blocks of texel-light pairs that are all in shadow
     missing_lobes   the specular lobe where a model or a method has none
     outside_box     pixels outside the boxes of the hand's triangles, and rays that miss the hand's box

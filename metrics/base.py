@@ -45,6 +45,7 @@ class AnyFamily(ABC):
     terms      what else the signature must say, in order
     version    goes up whenever the same input would score differently
     perfect    the value of a prediction that equals the truth, where there is one
+    needs      fields of the pair that must be there beside the two pictures; what no metric needs is not worked out
     """
 
     name: str
@@ -56,6 +57,7 @@ class AnyFamily(ABC):
     terms: tuple[str, ...] = ()
     version: int = 1
     perfect: float | None = None
+    needs: tuple[str, ...] = ()
 
     @property
     @abstractmethod
@@ -183,6 +185,11 @@ class Metric:
     def perfect(self) -> float | None:
         """The value of a prediction that equals the truth, where there is one."""
         return self.family.perfect
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Fields of a pair that it is not scored without."""
+        return self.family.needs
 
     @property
     def signature(self) -> str:

@@ -37,6 +37,7 @@ class Scoring:
         shown: frozenset[str] = frozenset(),
     ) -> None:
         self._reader, self._metrics, self._module, self._shown = reader, metrics, metrics_module, shown
+        self._with_mesh = any("truth_mesh" in metric.needs for metric in metrics.values())
         self._found: dict[str, list[tuple[float | None, str | None]]] = {}
         self._medians: dict[str, float] = {}
         self.trace: str | None = None
@@ -74,7 +75,8 @@ class Scoring:
             return None
         if (median := median_of_hand(truth)) is not None:
             self._medians[frame.key] = median
-        return self._module.Pair.of(picture, truth, self._reader.surface(frame))
+        mesh = self._reader.surface(frame) if self._with_mesh else None  # the true one may have to be worked out
+        return self._module.Pair.of(picture, truth, mesh)
 
     def frames(self, scored: Sequence[tuple[str, Frame]]) -> tuple[ScoredFrame, ...]:
         """The frames of columns with their values; each was scored, or is missing."""

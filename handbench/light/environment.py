@@ -8,6 +8,8 @@ Radiance is constant within a texel.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.sparse import csr_array
 
@@ -48,11 +50,17 @@ def resize(environment: Environment, height: int, width: int) -> Environment:
     old_height, old_width = environment.radiance.shape[:2]
     if (old_height, old_width) == (height, width):
         return environment
-    rows = _overlaps(*(-np.cos(np.linspace(0.0, np.pi, n + 1)) for n in (height, old_height)))
-    columns = _overlaps(*(np.linspace(0.0, 1.0, n + 1) for n in (width, old_width)))
+    rows, columns = _shares(height, width, old_height, old_width)
     banded = (rows @ environment.radiance.reshape(old_height, -1)).reshape(height, old_width, 3)
     turned = columns @ banded.swapaxes(0, 1).reshape(old_width, -1)
     return Environment(environment.name, turned.reshape(width, height, 3).swapaxes(0, 1))
+
+
+@lru_cache(maxsize=8)
+def _shares(height: int, width: int, old_height: int, old_width: int) -> tuple[csr_array, csr_array]:
+    """`_overlaps` of rows, which are even in solid angle, and of columns: the same for all maps of a size."""
+    rows = (-np.cos(np.linspace(0.0, np.pi, n + 1)) for n in (height, old_height))
+    return _overlaps(*rows), _overlaps(*(np.linspace(0.0, 1.0, n + 1) for n in (width, old_width)))
 
 
 def _overlaps(new: Array, old: Array) -> csr_array:

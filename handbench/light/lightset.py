@@ -23,14 +23,15 @@ class LightSet:
     Rows of visibility belong to the distant lights first, then to the near ones. To differentiate in the
     irradiance or the intensities, give them as torch tensors; shading takes both.
 
-    coarse (L,) bool: distant lights that each stand for a cell of an environment, so that their shadows need not be
-    sharp; None: there are none.
+    of_map (L,) bool: distant lights that are one of the few of an environment; coarse (L,) bool: those of them that
+    stand for a cell of it each, so that their shadows need not be sharp. None: there are none.
     """
 
     directions: Array
     irradiance: Array
     positions: Array
     intensities: Array
+    of_map: Array | None = None
     coarse: Array | None = None
 
     def __len__(self) -> int:
@@ -39,10 +40,9 @@ class LightSet:
     def only(self, distant: Array, near: Array | None = None) -> LightSet:
         """The distant lights (L,) bool and the near ones (P,) bool that are chosen; None: all near ones."""
         chosen = slice(None) if near is None else near
-        coarse = None if self.coarse is None else self.coarse[distant]
-        return LightSet(
-            self.directions[distant], self.irradiance[distant], self.positions[chosen], self.intensities[chosen], coarse
-        )
+        kinds = (None if kind is None else kind[distant] for kind in (self.of_map, self.coarse))
+        near_ones = self.positions[chosen], self.intensities[chosen]
+        return LightSet(self.directions[distant], self.irradiance[distant], *near_ones, *kinds)
 
 
 def light_samples(
@@ -61,22 +61,25 @@ def light_samples(
     Raises `Unsupported` for an unknown light.
     """
     distant: list[tuple[Array, Array]] = []
-    coarse: list[Array] = []
+    of_map, coarse = [np.zeros(0, dtype=bool)], [np.zeros(0, dtype=bool)]
+    few = environment_lights is None and environment_error > 0.0
     near: list[tuple[Array, Array]] = []
     for leaf in known_leaves(light):
         match leaf:
             case Environment():
                 distant.append(_environment(leaf, environment_size, environment_lights, environment_error))
-                few = environment_lights is None and environment_error > 0.0
-                coarse.append(np.arange(len(distant[-1][0])) < (CELLS if few else 0))
+                count = len(distant[-1][0])
+                of_map.append(np.full(count, few))
+                coarse.append(np.arange(count) < (CELLS if few else 0))
             case Directional():
                 distant.append((leaf.direction[None], leaf.irradiance[None]))
+                of_map.append(np.zeros(1, dtype=bool))
                 coarse.append(np.zeros(1, dtype=bool))
             case Point():
                 near.append((leaf.position[None], leaf.intensity[None]))
             case _:
                 assert_never(leaf)
-    found = LightSet(*_joined(distant), *_joined(near), np.concatenate([np.zeros(0, dtype=bool), *coarse]))
+    found = LightSet(*_joined(distant), *_joined(near), np.concatenate(of_map), np.concatenate(coarse))
     if skips().dark_lights:
         lit = found.only(np.asarray(found.irradiance.any(axis=1)), np.asarray(found.intensities.any(axis=1)))
         note("lights", len(found), len(found) - len(lit))

@@ -15,6 +15,7 @@ from handbench.method import Progress, Recording
 from handbench.scene import Array, Camera, needed
 
 from ..kit.engine import Player, fit
+from ..kit.rows import rows_of
 from .model import GeometryModel
 from .networks import divergence
 from .neutral import Neutral, full_frames, neutral, warped
@@ -119,7 +120,7 @@ def closest(vertices: Tensor, faces: Array, points: Tensor) -> Tensor:
     corners = torch.from_numpy(faces[found["primitive_ids"].numpy().astype(np.int64)].astype(np.int64))
     corners = corners.to(vertices.device)
     weights = torch.stack([1.0 - u - v, u, v], dim=-1)
-    return (weights[..., None] * vertices.index_select(0, corners.flatten()).unflatten(0, (-1, 3))).sum(dim=1)
+    return (weights[..., None] * rows_of(vertices, corners)).sum(dim=1)
 
 
 @lru_cache

@@ -26,6 +26,7 @@ from ..kit.colourspace import to_display
 from ..kit.crop import Crop
 from ..kit.enrolled import Enrolled
 from ..kit.perceptual import patch, perceptual_loss
+from ..kit.rows import rows_of
 from . import losses
 from .config import HarpConfig
 from .look import AMBIENT, LIGHT, SKIN, Look, shade
@@ -228,9 +229,9 @@ class _Fit:
     def _at(self, samples: Samples, vertices: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Position, smooth unit normal and tangent (P, 3) of samples."""
         corners, share = self.surface.faces[samples.face], samples.barycentric[..., None]
-        position = (share * vertices[corners]).sum(dim=1)
-        smooth = F.normalize((share * self.surface.normals(vertices)[corners]).sum(dim=1), dim=1)
-        return position, smooth, self.surface.tangents(vertices)[samples.face]
+        position = (share * rows_of(vertices, corners)).sum(dim=1)
+        smooth = F.normalize((share * rows_of(self.surface.normals(vertices), corners)).sum(dim=1), dim=1)
+        return position, smooth, rows_of(self.surface.tangents(vertices), samples.face)
 
     # -- the start --------------------------------------------------------------------------------------------------
 

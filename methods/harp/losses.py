@@ -19,7 +19,8 @@ def jitter(texture: Tensor, used: Tensor, reach: float, generator: torch.Generat
     steps = torch.normal(0.0, reach, (2, len(row)), generator=generator).trunc().long()
     flat = texture.flatten(1)
     other = (row + steps[0]).clamp(0, size - 1) * size + (column + steps[1]).clamp(0, size - 1)
-    return (flat[:, row * size + column] - flat[:, other]).abs().mean()
+    # not by brackets: several threads sum their gradient in any order
+    return (flat.index_select(1, row * size + column) - flat.index_select(1, other)).abs().mean()
 
 
 def upright(normal_map: Tensor, used: Tensor) -> Tensor:

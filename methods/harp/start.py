@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import least_squares
 
+from handbench.evenly import evenly
 from handbench.scene import Array
 
 _MOST = 4000  # normals that are looked at
@@ -13,7 +14,7 @@ _MOST = 4000  # normals that are looked at
 def lit_from(normal: Array, brightness: Array) -> tuple[float, Array]:
     """The ambient share and the direction (3,) of a light that explain the brightness (N,) of normals (N, 3) best:
     A (a + (1 - a) max(0, n.l)) with a robust norm, the share within 0.1 to 0.9."""
-    some = np.linspace(0, len(normal) - 1, min(len(normal), _MOST)).astype(int)
+    some = evenly(range(len(normal)), _MOST)
     normal, brightness = normal[some].astype(np.float64), brightness[some].astype(np.float64)
     scale = max(float(brightness.mean()), 1e-9)
     flat = np.linalg.lstsq(np.c_[np.ones(len(normal)), normal], brightness / scale, rcond=None)[0]

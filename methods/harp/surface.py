@@ -10,6 +10,8 @@ from handbench.hand import HandModel
 from handbench.render.silhouette import EdgeTable
 from handbench.scene import Array, Topology
 
+from ..kit.rows import rows_of
+
 
 class Surface:
     """The triangles of a hand model at a level: V vertices, F faces, E edges."""
@@ -41,7 +43,7 @@ class Surface:
 
     def tangents(self, vertices: Tensor) -> Tensor:
         """Directions (F, 3) on the faces in which u grows."""
-        corners = vertices[self.faces]
+        corners = rows_of(vertices, self.faces)
         return (self._along[:, :1] * (corners[:, 1] - corners[:, 0])) + self._along[:, 1:] * (
             corners[:, 2] - corners[:, 0]
         )
@@ -49,23 +51,24 @@ class Surface:
     def roughness(self, vertices: Tensor) -> Tensor:
         """Mean distance in metres of vertices from the middle of their neighbours (uniform Laplacian)."""
         first, second = self.pairs.T
-        total = torch.zeros_like(vertices).index_add(0, first, vertices[second]).index_add(0, second, vertices[first])
+        total = torch.zeros_like(vertices).index_add(0, first, rows_of(vertices, second))
+        total = total.index_add(0, second, rows_of(vertices, first))
         return (total / self._degree - vertices).norm(dim=1).mean()
 
     def creases(self, vertices: Tensor) -> Tensor:
         """Mean of 1 - cosine between the normals of faces that share an edge."""
         normal = torch.nn.functional.normalize(self._across(vertices), dim=1, eps=1e-20)
         first, second = self._beside.T
-        return (1.0 - (normal[first] * normal[second]).sum(dim=1)).mean()
+        return (1.0 - (rows_of(normal, first) * rows_of(normal, second)).sum(dim=1)).mean()
 
     def lengths(self, vertices: Tensor) -> Tensor:
         """Lengths (E,) of the edges in millimetres."""
         first, second = self.pairs.T
-        return 1000.0 * (vertices[first] - vertices[second]).norm(dim=1)
+        return 1000.0 * (rows_of(vertices, first) - rows_of(vertices, second)).norm(dim=1)
 
     def _across(self, vertices: Tensor) -> Tensor:
         """Normals (F, 3) of the faces, as long as twice their area."""
-        corners = vertices[self.faces]
+        corners = rows_of(vertices, self.faces)
         return torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 

@@ -10,7 +10,6 @@ from handbench.errors import Unsupported
 from handbench.light.environment import solid_angles, texels
 from handbench.light.lightset import LightSet
 from handbench.render.shade.shading import light_features
-from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Array
 
 from .config import Config
@@ -21,16 +20,16 @@ def features(
     config: Config,
     normal: Tensor,
     roughness: Tensor,
-    posed: PosedSurface,
+    position: Tensor,
     centre: Array,
     lights: LightSet,
     visible: Tensor | None,
 ) -> Tensor:
     """Diffuse and specular shading features, (6, N) (supp. Eqs. 1-2 or what an ablation puts in their place)."""
     if config.shading == "released":
-        return torch.cat(released_features(normal, posed.position, roughness, centre, lights, visible))
+        return torch.cat(released_features(normal, position, roughness, centre, lights, visible))
     model = config.shading if config.specular else "diffuse"
-    return torch.cat(light_features(normal, posed.position, roughness, centre, lights, visible, model))
+    return torch.cat(light_features(normal, position, roughness, centre, lights, visible, model))
 
 
 def power(lights: LightSet, visible: Tensor | None = None) -> Tensor:

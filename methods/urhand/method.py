@@ -69,7 +69,8 @@ class PosedURHand(PosedAvatar):
         joints = torch.from_numpy(needed(viewpoint.pose, "pose").joints.copy()).float().to(model.device)
         self._material = model.material(self._texture, joints, self._surface)
         self._centre = viewpoint.camera.centre
-        self._sampling: Sampling | None = Sampling.of(self._surface.atlas, self._raster)
+        # exposure is worked out texel by texel
+        self._sampling = None if model.config.exposure else Sampling.of(self._surface.atlas, self._raster)
 
     def seen_by(self, camera: Camera) -> PosedAvatar:
         other = copy(self)
@@ -83,37 +84,37 @@ class PosedURHand(PosedAvatar):
         # an encoder of environment maps sees the map itself
         error = config.environment_error if config.encoder == "features" else 0.0
         lights = light_samples(light, config.environment, environment_error=error)
-        visible = self._visible(lights)
-        maps = (self._material.normal, self._material.roughness, self._surface, self._centre)
-        features = lighting.features(config, *maps, lights, visible)
+        features, visible = self._features(lights)
         colour, _ = model.colour(features, lights, self._material, self._texture, atlas)
         if config.exposure and visible is not None:
             colour = colour * (lighting.power(lights, visible) / lighting.power(lights).clamp_min(1e-12))
         return prediction(self._raster, atlas.dilate(atlas.scatter(colour)))
 
-    def _visible(self, lights: LightSet) -> Tensor | None:
-        """What of each light reaches the covered texels, (L + P, N), or None without shadows.
+    def _features(self, lights: LightSet) -> tuple[Tensor, Tensor | None]:
+        """Shading features (6, N), and what of each light reaches the texels, (L + P, N) or None without shadows.
 
-        The network looks at texels that no picture shows. Under lights that each stand for a cell of an environment
-        most of those have the shadows of one near them (`Sampling`, `Skips.unseen`). Which lights these are does not
-        depend on the others, so answers stay linear in light.
+        The network looks at texels that no picture shows. Under the few lights of an environment most of those have
+        the features of one near them (`Sampling`, `Skips.unseen`), and no row of visibility is given. Which lights
+        these are does not depend on the others, so answers stay linear in light.
         """
-        shadows, coarse = self._model.config.shadows, lights.coarse
-        if self._sampling is None or coarse is None or not coarse.any() or not skips().unseen:
-            return visibility(self._surface, lights, shadows)
-        texels, source = self._sampling.texels, self._sampling.source
-        note("texels out of sight", self._surface.atlas.count, self._surface.atlas.count - len(texels))
-        sharp = visibility(self._surface, lights.only(~coarse), shadows)
-        soft = visibility(
-            self._surface, lights.only(coarse, np.zeros(len(lights.positions), dtype=bool)), shadows, texels
-        )
-        if sharp is None or soft is None:
-            return None
-        cells = torch.zeros(len(lights), dtype=torch.bool)
-        cells[: len(coarse)] = torch.from_numpy(coarse)
-        visible = sharp.new_empty(len(lights), sharp.shape[1])
-        visible[cells], visible[~cells] = soft[:, source.to(soft.device)], sharp
-        return visible
+        config, surface = self._model.config, self._surface
+        maps = self._material.normal, self._material.roughness, surface.position
+        sampling, of_map = self._sampling, lights.of_map
+        if sampling is None or of_map is None or not of_map.any() or not skips().unseen:
+            visible = visibility(surface, lights, config.shadows)
+            return lighting.features(config, *maps, self._centre, lights, visible), visible
+        texels = sampling.texels
+        note("texels out of sight", surface.atlas.count, surface.atlas.count - len(texels))
+        around = lights.only(of_map, np.zeros(len(lights.positions), dtype=bool))
+        visible = visibility(surface, around, config.shadows, texels)
+        some = (values[..., torch.from_numpy(texels).to(values.device)] for values in maps)
+        found = lighting.features(config, *some, self._centre, around, visible)
+        found = found[:, sampling.source.to(found.device)]
+        others = lights.only(~of_map)
+        if len(others):
+            visible = visibility(surface, others, config.shadows)
+            found = found + lighting.features(config, *maps, self._centre, others, visible)
+        return found, None
 
 
 class URHandPrior(Prior):

@@ -133,7 +133,7 @@ class Decoder(nn.Module):
         x: Tensor | None = None
         for layer, code, factor in zip(self.layers, encoded, modulation, strict=True):
             inputs = code if x is None else x if code is None else code + x
-            x = layer(inputs) * factor * 2**-0.5
+            x = layer(inputs) * (factor * 2**-0.5)  # one map for all colours: the pictures' are many times larger
             if self._activated:
                 x = activate(x)
         assert x is not None

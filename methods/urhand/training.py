@@ -98,7 +98,7 @@ class Lesson:
     def _features(
         self, view: TrainingView, normal: Tensor, roughness: Tensor, lights: LightSet, visible: Tensor | None
     ) -> Tensor:
-        return lighting.features(self.config, normal, roughness, view.posed, view.centre, lights, visible)
+        return lighting.features(self.config, normal, roughness, view.posed.position, view.centre, lights, visible)
 
     def _image_terms(
         self, view: TrainingView, drawn: Tensor, target: Tensor, rng: np.random.Generator

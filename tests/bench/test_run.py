@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from flat import flat_cells as cells
 
+from handbench.bench.reader import CaptureReader
 from handbench.bench.run import find_protocol, run
 from handbench.bench.store import Store
 from handbench.data.exr import read_exr
@@ -80,6 +81,16 @@ def test_one_training_serves_all_subjects_and_a_second_run_does_nothing(fakes, t
     assert (outcome.computed, outcome.reused) == (0, 2)
     assert set(fakes.CALLS) == {"open", "toy create"}, "a cached run reads no image; a plug-in tells its configuration"
     assert (tmp_path / "run.json").read_bytes() == before
+
+
+def test_the_true_mesh_is_worked_out_only_if_a_metric_asks(fakes, toy_protocol, tmp_path, monkeypatch):
+    calls: list[object] = []
+    real = CaptureReader.surface
+    monkeypatch.setattr(CaptureReader, "surface", lambda self, frame: calls.append(frame) or real(self, frame))
+    run(toy_protocol(metrics=["psnr"]), methods=["oracle"], out=tmp_path / "pictures")
+    assert not calls
+    run(toy_protocol(metrics=["psnr", "surface-mean"]), methods=["oracle"], out=tmp_path / "geometry")
+    assert calls
 
 
 def test_only_missing_cells_are_computed_and_equal_an_uninterrupted_run(fakes, toy_protocol, tmp_path):

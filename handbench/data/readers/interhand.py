@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
+from ...evenly import evenly
 from ...method import Progress, silent
 from ...recording import Need
 from ...scene import Array, Camera, Frame, Mesh, Observation, Pose, Unknown
@@ -162,10 +163,8 @@ class InterHand(Capture):
                 }
                 if not moments:
                     raise lacking(self.folder, f"images/train/{capture}/{found[0]}/cam{identity} with fits")
-                numbers = list(moments)
-                camera = said.camera(capture, f"cam{identity}", place / f"image{numbers[0]}.jpg")
-                chosen = np.linspace(0, len(numbers) - 1, min(PALM_MOMENTS, len(numbers))).astype(int)
-                for i, number in enumerate(numbers[k] for k in chosen):
+                camera = said.camera(capture, f"cam{identity}", place / f"image{next(iter(moments))}.jpg")
+                for i, number in enumerate(evenly(list(moments), PALM_MOMENTS)):
                     yield moments[number].frame(subject, number, camera, "sequence" if i else "fit", i)
 
     def _moment(self, said: Annotations, capture: str, subject: str, number: str, place: str) -> _Moment | None:

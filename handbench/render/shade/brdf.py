@@ -22,7 +22,7 @@ MIN_ROUGHNESS = 0.02
 
 F0, F1, F2 = 0.04, -5.55473, -6.98316
 
-SHININESS = 32.0
+SHININESS = 32
 """Phong exponent: the lobe is about as wide as that of roughness 0.5."""
 
 GRAZING = 1e-12
