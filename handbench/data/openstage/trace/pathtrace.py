@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ....errors import InputError
+from ....render.see.posedmesh import PosedMesh
 from ....render.see.raster import Raster, rasterise
-from ....scene import Array, Camera, Environment, Known, Light, known_leaves, leaves
+from ....scene import Array, Camera, Environment, Known, Light, Mesh, known_leaves, leaves
 from .bake import Lit, Posed, lit
 from .skies import Sky, sky
 from .surface import TracedSurface, displace
@@ -35,19 +37,35 @@ _PER_RAY = 48
 class GBuffer:
     """Per pixel: alpha (H, W), normal (H, W, 3) world, depth (H, W) metres along z, uv (H, W, 2); zero outside."""
 
-    alpha: Array
-    normal: Array
-    depth: Array
-    uv: Array
+    raster: Raster
+
+    @property
+    def alpha(self) -> Array:
+        return self.raster.alpha
+
+    @property
+    def normal(self) -> Array:
+        return self.raster.normal_map
+
+    @property
+    def depth(self) -> Array:
+        return self.raster.depth_map
+
+    @cached_property
+    def uv(self) -> Array:
+        """That of each pixel's covered sample nearest its centre."""
+        return _central_uv(self.raster)
 
 
 class PathTracer:
-    """Renders surfaces; keeps the light on the last surface, so cameras of one pose share it."""
+    """Renders surfaces; keeps the light on the last surface, so cameras of one pose share it, and what the last
+    camera saw, so its picture and geometry do."""
 
     def __init__(self) -> None:
         self._posed: Posed | None = None
         self._lit: Lit | None = None
         self._key: tuple[object, ...] = ()
+        self._raster: Raster | None = None
         self._skies: dict[tuple[int, float], tuple[Environment, Sky]] = {}
 
     def render(
@@ -76,7 +94,7 @@ class PathTracer:
                 self._sky(light, surface.specular) if isinstance(light, Environment) else None for light in singles
             ]
             found = self._light(posed, singles, skies, max_depth - 2, seed)
-            raster = rasterise(posed.mesh, camera, GRID)
+            raster = self._seen(posed.mesh, camera, GRID)
             for samples in _bands(raster):
                 view = Covered(posed, raster, samples)
                 parts = iter(picture(view, found, skies, max(1, round(spp / _PER_RAY)), seed).astype(np.float32))
@@ -86,10 +104,16 @@ class PathTracer:
         return images.reshape(len(lights), camera.height, camera.width, 3)
 
     def gbuffer(self, surface: TracedSurface, camera: Camera, spp: int) -> GBuffer:
-        """Coverage and geometry averaged over the covered of sqrt(spp)² samples; uv from the one nearest the centre."""
+        """Coverage and geometry averaged over the covered of sqrt(spp)² samples."""
         mesh = self._posed.mesh if self._posed and self._posed.surface is surface else surface.mesh
-        raster = rasterise(mesh, camera, max(1, math.isqrt(spp)))
-        return GBuffer(raster.alpha, raster.normal_map, raster.depth_map, _central_uv(raster))
+        return GBuffer(self._seen(mesh, camera, max(1, math.isqrt(spp))))
+
+    def _seen(self, mesh: Mesh | PosedMesh, camera: Camera, side: int) -> Raster:
+        """What a camera sees of a mesh in side x side places of each pixel."""
+        last = self._raster
+        if last is None or last.mesh is not mesh or last.camera is not camera or last.supersample != side:
+            self._raster = last = rasterise(mesh, camera, side)
+        return last
 
     def _pose(self, surface: TracedSurface) -> Posed:
         if self._posed is None or self._posed.surface is not surface:
