@@ -3,7 +3,8 @@
     python -m benchmarks.noise --size quick --samples 96 128
 
 tells for each map and number of samples a pixel the median over the hand's pixels and channels of |a - b| / (a + b),
-times the square root of two: how far off a pixel of one picture is, of which two, a and b, tell.
+times the square root of two: how far off a pixel of one picture is, of which two, a and b, tell. After it, in brackets,
+the same of the pixels at the rims, which see the surface at a grazing angle and mirror much.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from handbench.data.openstage.trace.pathtrace import PathTracer
 from handbench.scene import Array
 
 _DARK = 1e-3  # pixels below are black to the eye
+_GRAZING = 0.3  # cosine between normal and line of sight at a rim
 
 
 def noise(first: Array, second: Array, inside: Array) -> float:
@@ -52,11 +54,15 @@ def main() -> None:
             lights = [lighting.light for lighting in maps]
             drawn[seed, samples] = tracer.render(surface, camera, lights, samples, seed)
             print(f"seed {seed}, {samples} samples: {time.process_time() - start:.0f} s of the processor", flush=True)
-    inside = tracer.gbuffer(surface, camera, 16).alpha > 0.99
+    seen = tracer.gbuffer(surface, camera, 16)
+    inside = seen.alpha > 0.99
+    rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
+    rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ camera.ray_matrix
+    facing = -(seen.normal * rays).sum(axis=-1) / np.linalg.norm(rays, axis=-1)
     for samples in every:
-        pairs = zip(maps, drawn[0, samples], drawn[1, samples], strict=True)
-        told = {lighting.name: f"{noise(a, b, inside):.2%}" for lighting, a, b in pairs}
-        print(samples, *(f"{name} {value}" for name, value in told.items()))
+        for lighting, a, b in zip(maps, drawn[0, samples], drawn[1, samples], strict=True):
+            rim = noise(a, b, inside & (facing < _GRAZING))
+            print(f"{samples} samples, {lighting.name}: {noise(a, b, inside):.2%} ({rim:.2%})")
 
 
 if __name__ == "__main__":

@@ -209,6 +209,17 @@ def test_gbuffer_is_where_the_plane_is(tracer: PathTracer) -> None:
     np.testing.assert_allclose(buffer.uv[9, whole, 0], u[whole], atol=0.02)  # within half a subsample
 
 
+def test_what_a_camera_saw_last_is_not_taken_for_what_another_sees(tracer: PathTracer) -> None:
+    light, near, far = Directional(towards(0, 0, 1), np.ones(3)), camera(), camera(distance=5.0)
+    for surface, fold in ((book(0.0), False), (book(0.6), True)):
+        for view, depth in ((near, 4.0), (far, 5.0)):
+            tracer.render(surface, view, [light], 16, 0)
+            for samples in (16, 4):
+                buffer, fresh = (one.gbuffer(surface, view, samples) for one in (tracer, PathTracer()))
+                np.testing.assert_array_equal(buffer.depth, fresh.depth)
+                assert fold or abs(buffer.depth.max() - depth) < 1e-4
+
+
 def test_displace_moves_along_normals_and_keeps_seams_closed() -> None:
     across, along = np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 1.0])
     vertices = np.stack([across, along, 0 * across], axis=-1).reshape(-1, 3)
