@@ -43,6 +43,18 @@ def shell() -> Shell:
     return Shell.around(vertices, np.array(faces))
 
 
+def test_distances_are_exact_where_they_count(shell: Shell) -> None:
+    """Beyond reach they are rough, but beyond reach and on the right side."""
+    low, high = shell.box
+    points = low + (high - low) * torch.rand(20_000, 3, generator=torch.manual_seed(0))
+    true, found = (points - CENTRE).norm(dim=1) - RADIUS, shell.at(points)
+    near = true.abs() < shell.reach - 1e-3
+    assert (found - true)[near].abs().max() < 4e-4  # trilinear between nodes 4 mm apart, of a mesh in the ball
+    far = true.abs() > shell.reach + 1e-3
+    assert (found[far].abs() > shell.reach).all() and (found[far].sign() == true[far].sign()).all()
+    assert near.any() and (found[far] < 0).any() and (found[far] > 0).any()
+
+
 def _rays(offsets: Tensor) -> tuple[Tensor, Tensor]:
     """Along z, so far from the sphere's centre in x."""
     origins = torch.stack([CENTRE[0] + offsets, torch.full_like(offsets, -0.02), torch.zeros_like(offsets)], dim=1)

@@ -19,7 +19,10 @@ _CELL = 4e-3
 
 @dataclass(frozen=True, eq=False)
 class Shell:
-    """The space within `reach` metres of a closed mesh; distance (G, 1) to it at the nodes, negative inside."""
+    """The space within `reach` metres of a closed mesh; distance (G, 1) to it at the nodes, negative inside.
+
+    Of nodes that no place within reach lies beside it is rough: beyond reach, and of the right sign.
+    """
 
     lattice: Lattice
     distance: Tensor
@@ -37,8 +40,21 @@ class Shell:
             tensor.from_numpy(np.ascontiguousarray(vertices, dtype=np.float32)),
             tensor.from_numpy(np.ascontiguousarray(faces, dtype=np.uint32)),
         )
-        distance = scene.compute_signed_distance(tensor.from_numpy(lattice.nodes().numpy()))
-        return Shell(lattice, torch.from_numpy(distance.numpy().copy())[:, None], reach)
+
+        def exact(nodes: Array) -> Array:
+            return scene.compute_signed_distance(tensor.from_numpy(np.ascontiguousarray(nodes))).numpy()
+
+        # distances of places far away take longest and are not needed: there the nearest of some coarser nodes does
+        x, y, z = lattice.counts
+        nodes = lattice.nodes().numpy().reshape(z, y, x, 3)
+        coarse = [np.minimum(np.arange(1, n + 1) // 3 * 3, n - 1) for n in (z, y, x)]
+        axes, back = zip(*(np.unique(rows, return_inverse=True) for rows in coarse), strict=True)
+        some = exact(nodes[np.ix_(*axes)].reshape(-1, 3)).reshape([len(rows) for rows in axes])
+        distance = some[np.ix_(*back)]
+        step = float(lattice.step.norm())
+        near = np.abs(distance) < reach + 2.0 * step  # a node is at most a cell's diagonal from a coarse one
+        distance[near] = exact(nodes[near])
+        return Shell(lattice, torch.from_numpy(distance.reshape(-1, 1)), reach)
 
     @property
     def box(self) -> Tensor:
