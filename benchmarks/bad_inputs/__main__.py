@@ -41,6 +41,9 @@ def main() -> int:
             if found in BAD:
                 faults.append(_fault(case, answer, found))
                 print(json.dumps(faults[-1])[:600], file=sys.stderr, flush=True)
+            done = sum(of.total() for of in counts.values())
+            if done % 100 == 0:
+                print(f"{done} of {arguments.count}, {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
             if time.monotonic() - start > 60.0 * arguments.minutes:
                 break
     print(_table(counts, time.monotonic() - start))
