@@ -18,14 +18,17 @@ from ..avatars.repertoire import orbited, resized
 from ..data.lights import NamedLight
 from ..errors import InputError, NonFinite
 from ..light.environment import resize, rotate
+from ..light.reduction import reduced
 from ..method import PosedAvatar
 from ..relighting.showing import EXPOSED
-from ..scene import Array, Camera, Environment, Prediction
+from ..scene import Array, Camera, Directional, Environment, Group, Light, Prediction
 from ..scene.colour import eight_bit
 
 _MAP = (64, 128)
 """Texels of a map that is turned live: methods reduce it to 16 x 32 or fewer."""
 _QUALITY = 90
+_FEW = 24
+"""Distant lights that stand for a map in drafts: the fewer, the fewer shadows of a new pose."""
 KEPT = 12
 """Poses of an avatar that are kept, those that were shown last: going back to one costs no more than turning it."""
 
@@ -34,7 +37,7 @@ KEPT = 12
 class Glance:
     """What is asked of an avatar: a pose and a camera by number, the camera's way around the hand in degrees, its zoom,
     a map by number, the light's turn in degrees, stops of exposure beside what suits the map; and with `draft` 1 a
-    picture of half as many pixels both ways, for while something moves."""
+    picture of half as many pixels both ways under few lights in the map's place, for while something moves."""
 
     avatar: int
     pose: int = 0
@@ -69,6 +72,7 @@ class Session:
         self._exposures: dict[int, float] = {}
         self._exposing = threading.Lock()
         self.map = lru_cache(maxsize=32)(self._map)
+        self.few = lru_cache(maxsize=32)(self._few)
 
     def described(self) -> dict[str, Any]:
         """What the page needs to know, as JSON values."""
@@ -109,7 +113,7 @@ class Session:
 
     def _drawn(self, view: Glance) -> Prediction:
         with self._locks[view.avatar]:
-            answer = self._posed(view).relight(self._turned(view.light, view.turn))
+            answer = self._posed(view).relight(self._light(view))
         if not np.isfinite(answer.image).all():
             raise NonFinite(f"{self.portraits[view.avatar].name} drew values that are NaN or infinite")
         return answer
@@ -137,6 +141,20 @@ class Session:
         for portrait in self.portraits:
             portrait.check(found)
         return resize(found, *_MAP)
+
+    def _few(self, light: int) -> tuple[Array, Array]:
+        """Directions (K, 3) and irradiance (K, 3) of few lights that stand for a map."""
+        return reduced(self.map(light), _FEW)
+
+    def _light(self, view: Glance) -> Light:
+        """What lights a view: the map, and in drafts few lights that turn with it, so that shadows move evenly."""
+        if not view.draft or "directional" not in self.portraits[view.avatar].info.lights:
+            return self._turned(view.light, view.turn)
+        directions, irradiance = self.few(view.light)
+        turn = np.radians(view.turn)
+        x, y, z = directions.T
+        turned = np.stack([np.cos(turn) * x + np.sin(turn) * z, y, np.cos(turn) * z - np.sin(turn) * x], axis=1)
+        return Group(tuple(Directional(*each) for each in zip(turned, irradiance, strict=True)))
 
     def _turned(self, light: int, turn: float) -> Environment:
         found: Environment = self.map(light)
