@@ -1,7 +1,11 @@
 """Frames a second of the live viewer: `python -m benchmarks.live`.
 
 The viewer's own server draws 256 x 342 pictures of `urhand` and `physical` at texture 128 under a sky box, asked by one
-client over HTTP, X"""
+client over HTTP, one picture after the other as the page asks: the camera goes around, the light turns, both, poses
+follow one another, ones that were shown before and new ones. Each is measured for whole pictures and for the drafts
+(half as many pixels both ways, few lights) that the page asks for while something moves and whole ones are slow.
+Weights are not trained unless a run is named (`--run RUN`), which costs the same.
+"""
 
 from __future__ import annotations
 

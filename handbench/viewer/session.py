@@ -27,8 +27,9 @@ from ..scene.colour import eight_bit
 _MAP = (64, 128)
 """Texels of a map that is turned live: methods reduce it to 16 x 32 or fewer."""
 _QUALITY = 90
-_FEW = 24
-"""Distant lights that stand for a map in drafts: the fewer, the fewer shadows of a new pose."""
+_FEW = 16
+"""Distant lights that stand for a map in drafts: their shadows are most of a new pose. 24 or 40 are hardly nearer to
+pictures under the map."""
 KEPT = 12
 """Poses of an avatar that are kept, those that were shown last: going back to one costs no more than turning it."""
 
