@@ -30,6 +30,7 @@ from .printed import (
     listed,
     marks,
     memory_table,
+    moment,
     number,
     scientific,
     signed,
@@ -62,7 +63,7 @@ def render_page(table: Table, run: Run, also: Shown) -> str:
         duration=duration,
         letter=letter,
         number=number,
-        moment=_moment,
+        moment=moment,
         svg_uri=svg_uri,
         scientific=scientific,
         span=_span,
@@ -215,8 +216,3 @@ def _span(span: Span | None) -> str:
 def _seconds(span: Span | None) -> str:
     """The value a table is sorted by; nothing where there is none."""
     return repr(span.median) if span else ""
-
-
-def _moment(told: str) -> str:
-    """ "2026-03-01, 14:05 UTC" of "2026-03-01T14:05:00+00:00"."""
-    return f"{told[:10]}, {told[11:16]} UTC"

@@ -126,3 +126,8 @@ def scientific(value: float | None) -> str:
     if value is None:
         return "–"
     return f"{value:.1e}" if value else "0"
+
+
+def moment(told: str) -> str:
+    """ "2026-03-01, 14:05 UTC" of "2026-03-01T14:05:00+00:00"."""
+    return f"{told[:10]}, {told[11:16]} UTC"

@@ -343,7 +343,10 @@ def test_the_overview_shows_one_metric_which_a_link_keeps(opened: Opened) -> Non
     page.reload()
     opened.drawn()
     assert page.locator('.picker [aria-pressed="true"]').get_attribute("data-metric") == "ssim"
+    published = page.locator(".overview tr.published:visible")
+    assert published.count() == 0, "a row of dashes is not shown"
     page.click('.picker [data-metric="psnr"]')
+    assert published.count() == 1
     assert page.evaluate("location.hash") in ("", "#")
 
 

@@ -24,7 +24,9 @@ from handbench.errors import StorageError
 from handbench.reports import table, write_reports
 from handbench.reports.figures import Panel, Tile, chosen, detail, panels
 from handbench.reports.pictures import grid
-from handbench.reports.run import read_run
+from handbench.reports.printed import moment
+from handbench.reports.run import machine, read_run
+from handbench.results.record import Device
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 
@@ -278,3 +280,9 @@ def test_laws_are_shown_and_a_broken_promise_is_a_warning(small_run: Path, page_
 
 def _method(cell: Path) -> str:
     return json.loads(cell.read_text())["method"]["name"]
+
+
+def test_the_origin_says_when_and_on_what_in_plain_words() -> None:
+    assert machine(Device("CPU", 1, 1, 8.0)) == "CPU, 1 core, 1 thread, 8 GB"
+    assert machine(Device("CPU", 4, 2, 8.0, ("GPU",))) == "CPU, 4 cores, 2 threads, 8 GB, GPU"
+    assert moment("2026-03-01T14:05:00+00:00") == "2026-03-01, 14:05 UTC"
