@@ -70,7 +70,9 @@ def places(hand: OpenHand, size: int) -> Places:
     position = atlas.interpolate(rest)
     normal = atlas.interpolate(vertex_normals(rest, hand.topology(_LEVEL).faces))
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-    weights = atlas.interpolate(hand.weights(_LEVEL))
+    weights = np.empty((len(position), len(hand.joint_names)))
+    for joint, of_joint in enumerate(hand.weights(_LEVEL).T):  # one at a time: all at once take three times the memory
+        weights[:, joint] = atlas.interpolate(of_joint[:, None])[:, 0]
     nail = atlas.interpolate(hand.vertex_map("nail", _LEVEL)[:, None])[:, 0]
 
     names = hand.joint_names
