@@ -25,12 +25,18 @@ def directions(height: int, width: int, rows: slice = slice(None)) -> Array:
     return np.stack([np.sin(theta) * np.sin(phi), up, -np.sin(theta) * np.cos(phi)], axis=-1)
 
 
+def places(direction: Array, height: int, width: int) -> tuple[Array, Array]:
+    """Where unit directions (..., 3) point to in a map, in rows (...) and columns (...): texels begin at whole numbers,
+    their centres are half a texel further."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    row = np.arccos(np.clip(y, -1.0, 1.0)) / np.pi * height
+    return row, np.arctan2(x, -z) / (2.0 * np.pi) % 1.0 * width
+
+
 def texels(direction: Array, height: int, width: int) -> tuple[Array, Array]:
     """Row and column of the texels that unit directions (..., 3) point into, int (...)."""
-    x, y, z = np.moveaxis(np.asarray(direction, dtype=np.float64), -1, 0)
-    row = np.floor(np.arccos(np.clip(y, -1.0, 1.0)) / np.pi * height).astype(int).clip(0, height - 1)
-    column = np.floor(np.arctan2(x, -z) / (2.0 * np.pi) % 1.0 * width).astype(int).clip(0, width - 1)
-    return row, column
+    row, column = places(np.asarray(direction, dtype=np.float64), height, width)
+    return np.floor(row).astype(int).clip(0, height - 1), np.floor(column).astype(int).clip(0, width - 1)
 
 
 def solid_angles(height: int, width: int) -> Array:

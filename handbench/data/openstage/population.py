@@ -5,6 +5,7 @@ So what a method learned on one capture tells it nothing of the subjects of anot
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 from ...hand.openhand import OpenHand
@@ -26,6 +27,14 @@ def cast(capture: CaptureName, count: int, hand: OpenHand) -> list[Subject]:
     """The first `count` persons of a capture."""
     people = [person(index, hand) for index in PEOPLE[capture][:count]]
     return [_of_phone(subject, i) for i, subject in enumerate(people)] if capture == "openphone" else people
+
+
+def people_of_others(capture: str) -> Iterator[tuple[CaptureName, Subject]]:
+    """The persons of all captures but one, each with the capture that shows them."""
+    hand = OpenHand.load()
+    for other, people in PEOPLE.items():
+        if other != capture:
+            yield from ((other, subject) for subject in cast(other, len(people), hand))
 
 
 def _of_phone(subject: Subject, i: int) -> Subject:

@@ -15,8 +15,7 @@ _SAME = 1e-9  # between shapes of one person
 
 def strangers(evidence: Evidence) -> tuple[bool | None, str]:
     """No scored subject is a person of another open capture, by name and by the true shape where it is told."""
-    from ...data.openstage.population import PEOPLE, cast
-    from ...hand.openhand import OpenHand
+    from ...data.openstage.population import PEOPLE, people_of_others
 
     protocol, capture = evidence.protocol, evidence.capture
     if protocol.capture not in PEOPLE:
@@ -24,13 +23,10 @@ def strangers(evidence: Evidence) -> tuple[bool | None, str]:
     firsts = {frame.subject: frame for frame in reversed(tuple(evidence.frames.values()))}
     shapes = {subject: capture.truth(firsts[subject]).shape for subject in protocol.subjects}
     trouble, count = [], 0
-    for other, people in PEOPLE.items():
-        if other == protocol.capture:
-            continue
-        for person in cast(other, len(people), OpenHand.load()):
-            count += 1
-            same = [name for name, shape in shapes.items() if name == person.name or _same(shape, person.identity)]
-            trouble += [f"{name} is {person.name} of {other}, which methods may train on" for name in same]
+    for other, person in people_of_others(protocol.capture):
+        count += 1
+        same = [name for name, shape in shapes.items() if name == person.name or _same(shape, person.identity)]
+        trouble += [f"{name} is {person.name} of {other}, which methods may train on" for name in same]
     return told(trouble, f"{len(shapes)} scored subjects are none of the {count} people of other captures")
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from ....light.environment import directions, resize, solid_angles, texels
+from ....light.environment import directions, places, resize, solid_angles, texels
 from ....scene import Array, Environment
 from .gloss import dot, reflected
 
@@ -52,8 +52,7 @@ class Sky:
     def unshadowed(self, normals: Array) -> tuple[Array, Array]:
         """`enters` (N, 2, 3) and `turns` (N, 2, 3, 3) at unit normals (N, 3)."""
         height, width = _TABLE
-        row = np.arccos(np.clip(normals[:, 1], -1, 1)) / np.pi * height - 0.5
-        column = np.arctan2(normals[:, 0], -normals[:, 2]) / (2 * np.pi) % 1.0 * width - 0.5
+        row, column = (place - 0.5 for place in places(normals, height, width))
         padded = np.concatenate([self.enters[:, -1:], self.enters, self.enters[:, :1]], axis=1).reshape(height, -1, 6)
         at = np.stack([row, column + 1])
         enters = np.stack([map_coordinates(padded[..., k], at, order=1, mode="nearest") for k in range(6)], axis=1)
