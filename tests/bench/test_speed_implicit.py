@@ -10,7 +10,7 @@ import torch
 from handbench.methods.palm.model import PalmModel
 from handbench.studies.speed import fields, gathering
 from handbench.studies.speed.fields import Skin
-from handbench.studies.speed.volume import GOALS, PLAIN, SWITCHES, TOGETHER, View, skipped, textured
+from handbench.studies.speed.volume import GOALS, PLAIN, SWITCHES, TOGETHER, PersonView, skipped, textured
 
 SMALL = replace(fields.VARIANTS["dense grids and tri-plane"], grids=(8, 16), plane=32, geometry=(32,))
 
@@ -44,7 +44,7 @@ def test_places_near_the_skin_are_near(skin: Skin) -> None:
 
 
 def test_skips_save_time_and_change_little(model: PalmModel) -> None:
-    found = {one.label: one for one in skipped(View.of(model, 32))}
+    found = {one.label: one for one in skipped(PersonView.of(model, 32))}
     assert set(found) == {"all skips", *(f"without {name}" for name in SWITCHES), TOGETHER, PLAIN}
     assert found["all skips"].error == 0.0 and found["without outside_box"].error < 1e-6
     assert all(one.error < 0.1 for one in found.values())
@@ -53,14 +53,14 @@ def test_skips_save_time_and_change_little(model: PalmModel) -> None:
 
 
 def test_a_picture_shows_the_hand_in_the_middle(model: PalmModel) -> None:
-    _, colours = View.of(model, 32).drawn()
+    _, colours = PersonView.of(model, 32).drawn()
     seen = (colours.sum(dim=1) > 0.1).view(32, 24)
     assert seen[8:24, 6:18].float().mean() > 0.4
     assert not seen[0].any() and not seen[:, 0].any() and not seen[:, -1].any()
 
 
 def test_another_configuration_leaves_the_model_as_it_was(model: PalmModel) -> None:
-    view = View.of(model, 16)
+    view = PersonView.of(model, 16)
     few = view.drawn(config=replace(model.config, samples=2))[1]
     assert not torch.equal(few, view.drawn()[1])
     assert view.posed.model is model and model.config.samples == SMALL.samples

@@ -11,7 +11,7 @@ from . import fields
 from .gathering import gathered
 from .record import Implicit, Scaling
 from .scaling import fit
-from .volume import View, skipped, textured
+from .volume import PersonView, skipped, textured
 
 _PARTS = 6
 
@@ -27,7 +27,7 @@ def of_implicit(quick: bool, progress: Progress = silent) -> Implicit:
         parts.append(part)
         progress(done, _PARTS)
     drawn = textured(models[0])
-    saved = skipped(View.of(drawn, 64 if quick else 256))
+    saved = skipped(PersonView.of(drawn, 64 if quick else 256))
     progress(4, _PARTS)
     lit = gathered(24 if quick else 40, 1 if quick else 2)
     progress(5, _PARTS)
@@ -38,14 +38,14 @@ def of_implicit(quick: bool, progress: Progress = silent) -> Implicit:
 
 def _rays(model: PalmModel, quick: bool) -> Scaling:
     heights = (32, 64, 128) if quick else (32, 64, 128, 256)
-    views = [View.of(model, height) for height in heights]
+    views = [PersonView.of(model, height) for height in heights]
     sizes = tuple(len(view.towards) for view in views)
     return _growth("rays", "Rays of a frame", sizes, [_repeated(view, model) for view in views])
 
 
 def _samples(model: PalmModel, quick: bool) -> Scaling:
     counts = (4, 8, 16, 32) if quick else (4, 8, 16, 32, 64)
-    view = View.of(model, 48)
+    view = PersonView.of(model, 48)
     times = [_repeated(view, model, samples=count) for count in counts]
     return _growth("samples", "Samples of a ray, 48 rows", counts, times)
 
@@ -62,7 +62,7 @@ def _rows(skin: fields.Skin, quick: bool) -> Scaling:
     return _growth("rows", "Rows of the tables, a step of training", sizes, seconds)
 
 
-def _repeated(view: View, model: PalmModel, samples: int | None = None) -> tuple[float, ...]:
+def _repeated(view: PersonView, model: PalmModel, samples: int | None = None) -> tuple[float, ...]:
     """Seconds of two drawings; None for as many samples a ray as the model has."""
     config = model.config if samples is None else replace(model.config, samples=samples)
     return tuple(view.drawn(config=config)[0] for _ in range(2))

@@ -33,7 +33,7 @@ _FAR = 1.0  # metres from the camera to the hand
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PersonView:
     """A hand at rest, and the rays (R, 3) of a picture of it; what is made once a pose is there already."""
 
     posed: PosedHand
@@ -42,7 +42,7 @@ class View:
 
     @staticmethod
     @torch.no_grad()
-    def of(model: PalmModel, height: int) -> View:
+    def of(model: PalmModel, height: int) -> PersonView:
         """A picture of `height` rows, three quarters as wide."""
         width = 3 * height // 4
         rest = torch.zeros(3)
@@ -56,7 +56,7 @@ class View:
         place = np.array([0.0, 0.0, _FAR]) - turn @ middle
         camera = Camera("front", width, height, K, np.c_[turn, place])
         towards = pixel_rays(camera, camera.whole)[1]
-        return View(posed, torch.from_numpy(camera.centre.copy()).float().expand(len(towards), 3), towards)
+        return PersonView(posed, torch.from_numpy(camera.centre.copy()).float().expand(len(towards), 3), towards)
 
     @torch.no_grad()
     def drawn(self, every: int = 1, config: Config | None = None) -> tuple[float, Tensor]:
@@ -82,7 +82,7 @@ def textured(model: PalmModel) -> PalmModel:
     return model.requires_grad_(False)
 
 
-def skipped(view: View, progress: Progress = silent) -> tuple[Skipped, ...]:
+def skipped(view: PersonView, progress: Progress = silent) -> tuple[Skipped, ...]:
     """All skips, each one off, all four off, and the same equations in their plainest form.
 
     Slow ones are timed on some of the rays, beside all skips on the same. Errors are relative RMSE from the picture
@@ -107,7 +107,7 @@ def skipped(view: View, progress: Progress = silent) -> tuple[Skipped, ...]:
     return tuple(found)
 
 
-def _least(view: View, every: int) -> tuple[float, Tensor]:
+def _least(view: PersonView, every: int) -> tuple[float, Tensor]:
     """The quickest of three pictures with all skips, of each `every`-th ray."""
     with skipping(Skips()):
         return min((view.drawn(every) for _ in range(3)), key=lambda found: found[0])
