@@ -69,7 +69,7 @@ def test_urhand_stays_on_its_device(mesh: Mesh, preset: str) -> None:
         texture = torch.rand(3, 64, 64, device=META)
         material = model.material(texture, torch.zeros(20, 3, device=META), surface)
         visible = torch.ones(len(lights), surface.atlas.count, device=META)
-        maps = (material.normal, material.roughness, surface, np.ones(3))
+        maps = (material.normal, material.roughness, surface.position, np.ones(3))
         features = lighting.features(config, *maps, lights, visible)
         colour, _ = model.colour(features, lights, material, texture, surface.atlas)
         drawn = surface.atlas.dilate(surface.atlas.scatter(colour))

@@ -84,7 +84,7 @@ def test_the_neural_branch_starts_as_the_physical_one(training: Recording, seed:
     texture, atlas = torch.rand(3, 64, 64), view.posed.atlas
     material = model.material(texture, view.joints, view.posed)
     lights, visible, _ = view.lit_by(np.array([1.0, 0, 0, 2.0, 0, 0]))
-    maps = (material.normal, material.roughness, view.posed, view.centre)
+    maps = (material.normal, material.roughness, view.posed.position, view.centre)
     features = lighting.features(SMOKE, *maps, lights, visible)
     final, _ = model.colour(features, lights, material, texture, atlas)
     physical_picture = model.physical_colour(features, texture, atlas)
