@@ -107,8 +107,8 @@ class PosedURHand(PosedAvatar):
         note("texels out of sight", surface.atlas.count, surface.atlas.count - len(texels))
         around = lights.only(of_map, np.zeros(len(lights.positions), dtype=bool))
         visible = visibility(surface, around, config.shadows, texels)
-        some = (values[..., torch.from_numpy(texels).to(values.device)] for values in maps)
-        found = lighting.features(config, *some, self._centre, around, visible)
+        normal, roughness, position = (values[..., torch.from_numpy(texels).to(values.device)] for values in maps)
+        found = lighting.features(config, normal, roughness, position, self._centre, around, visible)
         found = found[:, sampling.source.to(found.device)]
         others = lights.only(~of_map)
         if len(others):
