@@ -157,7 +157,7 @@ def test_some_texels_see_what_they_see_among_all(mesh: Mesh, tmp_path: Path, tra
 def test_coarse_lights_are_filled_in_and_others_are_not(mesh: Mesh, tmp_path: Path) -> None:
     towards = stage_directions(30)
     coarse = np.arange(30) < 20
-    lights = LightSet(towards, np.ones((30, 3)), np.zeros((0, 3)), np.zeros((0, 3)), coarse)
+    lights = LightSet(towards, np.ones((30, 3)), np.zeros((0, 3)), np.zeros((0, 3)), coarse=coarse)
     exact = visibility(mesh, PosedSurface(mesh, 64).atlas, towards)
     with kept_on_disk(tmp_path, 1 << 20):
         posed = PosedSurface(mesh, 64)
