@@ -17,7 +17,7 @@ from .failure import Failure
 from .lending import answered
 from .reader import CaptureReader, blame
 
-_REPEATS = 4  # queries of each kind of frame that are drawn a second time, posed anew
+_REPEATS = 4  # queries of each kind of light that are drawn a second time, posed anew
 
 
 class Drawing:

@@ -85,7 +85,8 @@ class Nearest:
         there = torch.from_numpy(distance < _REACH)
         vertices = torch.from_numpy(found).where(there, 0)
         owner = field.bone[vertices].where(there, -1)
-        chosen, taken = (torch.full((len(near), MOST), -1) for _ in "vo")
+        chosen = torch.full((len(near), MOST), -1)
+        taken = torch.full_like(chosen, -1)
         count = torch.zeros(len(near), dtype=torch.long)
         for column, own in zip(vertices.T, owner.T, strict=True):
             rows = ((own >= 0) & (taken != own[:, None]).all(dim=1) & (count < MOST)).nonzero()[:, 0]

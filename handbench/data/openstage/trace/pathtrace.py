@@ -35,7 +35,8 @@ _PER_RAY = 48
 
 @dataclass(frozen=True, eq=False)
 class GBuffer:
-    """Per pixel: alpha (H, W), normal (H, W, 3) world, depth (H, W) metres along z, uv (H, W, 2); zero outside."""
+    """What a raster says per pixel: alpha (H, W), normal (H, W, 3) world, depth (H, W) metres along z, uv (H, W, 2);
+    zero outside."""
 
     raster: Raster
 
