@@ -105,7 +105,11 @@ def _digest(about: str, tensors: Mapping[str, Tensor]) -> str:
 def _state(
     name: str, module: nn.Module, optimiser: torch.optim.Optimizer, tensors: Mapping[str, Tensor]
 ) -> tuple[dict[str, Tensor], dict[int, dict[str, Tensor]]]:
-    """The weights of a part, and its optimiser's state by the parameter's number. `KeyError` if they do not fit."""
+    """The weights of a part, and its optimiser's state by the parameter's number. `KeyError` if they do not fit.
+
+    Adam keeps no state of a parameter that has had no gradient yet, such as those of fields that a first stage does
+    not draw.
+    """
     weights = {key: tensors[f"{name}/{key}"] for key in module.state_dict()}
     if any(weights[key].shape != value.shape for key, value in module.state_dict().items()):
         raise KeyError(name)
@@ -114,6 +118,8 @@ def _state(
         head, _, kind = key.rpartition("/")
         if head.startswith(f"{name}/adam/"):
             moments.setdefault(int(head.rpartition("/")[2]), {})[kind] = value
-    if moments and len(moments) != len(optimiser.param_groups[0]["params"]):
-        raise KeyError(name)
+    parameters = dict(enumerate(optimiser.param_groups[0]["params"]))
+    for index, kept in moments.items():
+        if any(kept[kind].shape != parameters[index].shape for kind in ("exp_avg", "exp_avg_sq")):
+            raise KeyError(f"{name}/adam/{index}")
     return weights, moments

@@ -101,6 +101,32 @@ def test_a_killed_training_ends_as_one_that_was_not(tmp_path: Path, monkeypatch:
         assert die_at < 3 or resumed.calls < whole.calls  # it went on, it did not start anew
 
 
+def test_a_stage_that_leaves_weights_untouched_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def play(die_at: int = -1) -> tuple[list[Tensor], int]:
+        torch.manual_seed(0)
+        both = nn.ModuleList([nn.Linear(2, 2), nn.Linear(2, 1)])  # this stage draws with the first alone
+        calls = 0
+
+        def losses(sample: int, rng: np.random.Generator) -> Mapping[str, Tensor]:
+            nonlocal calls
+            calls += 1
+            if calls == die_at:
+                raise Killed
+            return {"l2": both[0](torch.ones(2)).square().sum()}
+
+        fit("stage", [Player("both", both, losses)], 5, BUDGET, 0, lambda step, total, **values: None)
+        return [p.detach().clone() for p in both.parameters()], calls
+
+    whole, every = play()
+    monkeypatch.setattr(checkpoint, "EVERY", 0.0)
+    with checkpoints_in(tmp_path):
+        with pytest.raises(Killed):
+            play(77)
+        resumed, rest = play()
+    assert rest < every  # it went on, it did not start anew
+    assert all(torch.equal(a, b) for a, b in zip(whole, resumed, strict=True))
+
+
 def test_a_damaged_or_foreign_checkpoint_starts_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(checkpoint, "EVERY", 0.0)
     whole = Game()
