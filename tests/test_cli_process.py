@@ -75,6 +75,12 @@ def test_streams_that_are_closed_or_full_fail_no_command(shell, tmp_path):
     assert file.read_text() == "own", "what is printed never lands in a file that happens to be opened"
 
 
+def test_a_method_that_closes_the_output_takes_no_answer_along():
+    body = "    sys.stdout.close(); sys.stderr.close(); print('answer'); print('told', file=sys.stderr); return 0"
+    done = _process(body)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "answer\n", "told\n")
+
+
 def test_a_file_never_becomes_the_standard_output(tmp_path):
     file = tmp_path / "made"
     body = f"    global kept\n    kept = open({str(file)!r}, 'w')\n    os.write(1, b'text')\n    return 0"

@@ -75,10 +75,17 @@ def open_streams() -> Output:
     return outputs[0]
 
 
+class _Text(io.TextIOWrapper):
+    """Text that stays open: a method that closes what it prints to must not take our answer along."""
+
+    def close(self) -> None:
+        self.flush()
+
+
 def _text(output: Output, before: Any) -> io.TextIOWrapper:
     encoding = getattr(before, "encoding", None) or "utf-8"
     by_line = output.fileno() == 2 or output.isatty()
-    return io.TextIOWrapper(io.BufferedWriter(output), encoding, "backslashreplace", line_buffering=by_line)
+    return _Text(io.BufferedWriter(output), encoding, "backslashreplace", line_buffering=by_line)
 
 
 class Stops:

@@ -23,11 +23,13 @@ def read_array(path: Path, what: str = "picture", max_pixels: int = MAX_PIXELS) 
     """
     check_kind(path, what)
     try:
-        mapped = np.load(path, mmap_mode="r", allow_pickle=False)
+        with np.errstate(over="ignore"):  # of a size that is announced: numpy looks at it itself
+            mapped = np.load(path, mmap_mode="r", allow_pickle=False)
     except Exception as error:  # besides its own errors numpy passes on those of the parser of the header
         told = " ".join(str(error).replace(str(path), "").split())[:160]
         raise InputError(f"{what} {path} is damaged or no numpy file ({told}); write it anew") from error
-    if mapped.dtype.kind not in "fb" and mapped.dtype not in (np.uint8, np.uint16):
+    native = mapped.dtype.newbyteorder("=")
+    if native.kind not in "fb" and native not in (np.uint8, np.uint16):
         raise InputError(f"{what} {path} holds {mapped.dtype}; expected floating point, uint8 or uint16")
     if mapped.size == 0:
         raise InputError(f"{what} {path} is empty: its shape is {mapped.shape}")
@@ -35,7 +37,7 @@ def read_array(path: Path, what: str = "picture", max_pixels: int = MAX_PIXELS) 
         check_size(path, what, mapped.shape[1], mapped.shape[0], max_pixels)
     if mapped.size > _SAMPLES * max_pixels:
         raise InputError(f"{what} {path} has the shape {mapped.shape}; expected (H, W, 3) or (H, W, 4)")
-    return np.array(mapped)
+    return np.array(mapped, native)
 
 
 def read_arrays(path: Path, what: str = "file", limit: int = _BYTES) -> dict[str, Array]:

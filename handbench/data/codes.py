@@ -8,10 +8,12 @@ caller says what the codes are.
 from __future__ import annotations
 
 import io
-import warnings
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -22,7 +24,8 @@ from .filekind import MAX_PIXELS, check_size
 _EXIF_ORIENTATION = 0x0112
 _SRGB = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)  # white, red, green, blue
 _GAMMAS = {"srgb": 1 / 2.2, "linear": 1.0}
-_CICP = {b"\x01\x0d": "srgb", b"\x01\x08": "linear"}  # primaries and transfer, ITU-T H.273
+# Primaries, transfer, matrix, full range (ITU-T H.273): codes of a narrow range, 16 to 235, are others.
+_CICP = {b"\x01\x0d\0\x01": "srgb", b"\x01\x08\0\x01": "linear"}
 _NEAR = 5e-3
 _CODES = 2  # of 255: what roundings of profiles of sRGB differ by
 
@@ -41,25 +44,43 @@ def read_codes(path: Path, what: str = "picture", max_pixels: int = MAX_PIXELS, 
     Raises `InputError` for a file that is damaged, animated, of CMYK, larger than `max_pixels`, or that states a curve
     or primaries that are neither sRGB's nor linear.
     """
-    from PIL import Image
-
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit is ours
-            with Image.open(path, formats=("PNG", "JPEG", "AVIF")) as image:
-                check_size(path, what, *image.size, max_pixels)
-                if image.mode == "CMYK" or getattr(image, "n_frames", 1) > 1:
-                    kind = "in CMYK" if image.mode == "CMYK" else "animated"
-                    raise InputError(f"{what} {path} is {kind}, which is not supported; save it as a plain sRGB PNG")
-                curve = "srgb" if said else _curve(path, what, image)
-                values = _values(path, image)
-                turn = image.getexif().get(_EXIF_ORIENTATION, 1)
+        with opened_codes(path) as image:
+            check_size(path, what, *image.size, max_pixels)
+            if image.mode == "CMYK" or getattr(image, "n_frames", 1) > 1:
+                kind = "in CMYK" if image.mode == "CMYK" else "animated"
+                raise InputError(f"{what} {path} is {kind}, which is not supported; save it as a plain sRGB PNG")
+            curve = "srgb" if said else _curve(path, what, image)
+            values = _values(path, image)
+            turn = image.getexif().get(_EXIF_ORIENTATION, 1)
     except InputError:
         raise
     except Exception as error:  # decoders raise their own types for damaged files
         told = " ".join(str(error).replace(str(path), "").split())
         raise InputError(f"{what} {path} is damaged or no picture ({told}); write it anew") from error
     return Codes(np.ascontiguousarray(_upright(values, turn)), curve)
+
+
+_PILLOW = threading.Lock()
+
+
+@contextmanager
+def opened_codes(file: Path | IO[bytes]) -> Iterator[Any]:
+    """Pillow's image of a PNG, JPEG or AVIF file, none of whose pixels is decoded yet; Pillow's errors pass.
+
+    `check_size` has to follow: the limit is ours, and Pillow's own, which calls a large picture an attack, is put off
+    while it opens the file.
+    """
+    from PIL import Image
+
+    with _PILLOW:
+        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+        try:
+            image = Image.open(file, formats=("PNG", "JPEG", "AVIF"))
+        finally:
+            Image.MAX_IMAGE_PIXELS = limit
+    with image:
+        yield image
 
 
 def _values(path: Path, image: Any) -> Array:
@@ -92,9 +113,9 @@ def _curve(path: Path, what: str, image: Any) -> str:
     remedy = "say what the values are (--pred-encoding, --truth-encoding), or convert it to sRGB"
     info, coded = image.info, _cicp(path)
     if coded is not None:
-        if coded[:2] not in _CICP:
+        if coded not in _CICP:
             raise InputError(f"{what} {path} states the video colours {list(coded)} (cICP); {remedy}")
-        return _CICP[coded[:2]]
+        return _CICP[coded]
     if info.get("icc_profile"):
         name = _other_profile(info["icc_profile"], image.mode)
         if name is not None:

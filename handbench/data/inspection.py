@@ -44,6 +44,8 @@ def _of_frame(capture: Capture, frame: Frame) -> str:
         seen = read(capture, frame)
     except BadFrame as error:
         return str(error)
+    if seen.alpha is None and "alpha" in capture.offers:
+        return f"{frame.key}: it has no mask, which the capture offers; add it, or leave the frame out"
     median = median_of_hand(seen)
     if median is not None and median > SKIN:
         return f"{frame.key}: the median of its hand is {median:.3g}; is it radiance of skin, or codes up to 255?"

@@ -187,9 +187,14 @@ def _read(path: Path, what: str, stated: Stated) -> _Raw:
         codes = read_codes(path, what, stated.max_pixels, said=stated.encoding != "auto" or what == "mask")
         return _Raw(codes.values, codes.curve)
     values = read_array(path, what, stated.max_pixels)
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        bad = int(np.count_nonzero(~np.isfinite(values)))
-        raise InputError(f"{what} {path} holds {bad} values that are NaN or infinite; remove them first")
+    if values.dtype.kind == "f":
+        with np.errstate(over="ignore"):  # of what is beyond single precision
+            values = values.astype(np.float32)
+        if not np.isfinite(values).all():
+            bad = int(np.count_nonzero(~np.isfinite(values)))
+            raise InputError(
+                f"{what} {path} holds {bad} values that are NaN, infinite or beyond 32-bit floats; remove them first"
+            )
     return _Raw(values, "linear")
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
+from .codes import opened_codes
 from .exrheader import read_parts, the_part
 from .filekind import MAX_PIXELS, check_kind, check_size
 
@@ -35,26 +35,20 @@ def picture_size(path: Path, max_pixels: int = MAX_PIXELS) -> tuple[int, int]:
 
 def has_alpha(path: Path) -> bool:
     """Whether a picture has an alpha channel. Raises `InputError` for a file that is missing or damaged."""
-    from PIL import Image
-
     check_kind(path, "picture")
     if path.suffix.lower() == ".exr":
         return bool({"A", "a"} & set(the_part(read_parts(path, "picture"), None, path, "picture").channels))
     try:
         if path.suffix.lower() == ".npy":
             return bool(np.load(path, mmap_mode="r", allow_pickle=False).shape[-1] == 4)
-        with Image.open(path, formats=("PNG", "JPEG", "AVIF")) as image:
+        with opened_codes(path) as image:
             return image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
     except Exception as error:  # decoders raise their own types for damaged files
         raise InputError(f"picture {path} is damaged or no picture ({error}); write it anew") from error
 
 
 def _coded(path: Path) -> tuple[int, int]:
-    from PIL import Image
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit is ours
-        with Image.open(path, formats=("PNG", "JPEG", "AVIF")) as image:
-            width, height = image.size
-            lying = image.getexif().get(0x0112, 1) >= 5
+    with opened_codes(path) as image:
+        width, height = image.size
+        lying = image.getexif().get(0x0112, 1) >= 5
     return (height, width) if lying else (width, height)

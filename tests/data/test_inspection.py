@@ -52,6 +52,7 @@ def turned(mesh: Mesh) -> Mesh:
         (lambda: Few(meshed(turned)), f"{KEY}: the faces of its mesh look inwards"),
         (lambda: Few(seen=lambda s: replace(s, image=2.0 + s.image)), f"{KEY}: the median of its hand is"),
         (lambda: Few(seen=lambda s: replace(s, image=s.image * np.nan)), f"{KEY}: .*NaN"),
+        (lambda: Few(seen=lambda s: replace(s, alpha=None)), f"{KEY}: it has no mask, which the capture offers"),
         (lambda: Few(lambda f: replace(f, lighting="olat-00")), f"{KEY}: 2 frames have this key"),
     ],
 )

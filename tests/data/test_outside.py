@@ -19,8 +19,11 @@ from PIL import Image, ImageCms
 from handbench.data.arrays import read_arrays
 from handbench.data.environments import read_environment as read
 from handbench.data.pictures import Stated, read_mask, read_picture
+from handbench.data.picturesize import has_alpha, picture_size
+from handbench.data.predictions.picture import read_picture as read_prediction
 from handbench.data.radiance import read_radiance
 from handbench.errors import InputError
+from handbench.scene import Camera
 
 RNG = np.random.default_rng(0)
 GREY = {name: np.full((6, 8), 0.25, np.float32) for name in "RGBA"}
@@ -87,9 +90,15 @@ REFUSED: dict[str, tuple[str, Callable[[Path], object], str]] = {
     "gamma": ("a.png", lambda p: png(p, gama(0.7)), r"states the gamma 0\.7 \(gAMA\)"),
     "cHRM": ("a.png", lambda p: png(p, chunk(b"cHRM", struct.pack(">8I", *range(8)))), r"states the primaries.*cHRM"),
     "cICP": ("a.png", lambda p: png(p, chunk(b"cICP", b"\x09\x10\0\1")), r"states the video colours \[9, 16, 0, 1\]"),
+    "narrow": ("a.png", lambda p: png(p, chunk(b"cICP", b"\1\x0d\0\0")), r"states the video colours \[1, 13, 0, 0\]"),
+    "beyond": (
+        "a.npy",
+        lambda p: np.save(p, np.full((2, 2, 3), 1e39)),
+        "12 values that are NaN, infinite or beyond 32-bit",
+    ),
     "lab": ("a.png", lambda p: png(p, profile("lab")), "has the colour profile .* not sRGB"),
     "broken profile": ("a.png", lambda p: png(p, chunk(b"iCCP", b"x\0\0" + zlib.compress(b"no"))), "cannot be read"),
-    "bomb": ("a.png", lambda p: png(p, size=(30000, 30000)), "is 30000x30000, more than|damaged"),
+    "bomb": ("a.png", lambda p: png(p, size=(30000, 30000)), "is 30000x30000, more than 67108864 pixels"),
     "large": ("a.png", lambda p: png(p, size=(9000, 9000)), "is 9000x9000, more than 67108864 pixels"),
     "cut": ("a.png", lambda p: p.write_bytes(png(p).read_bytes()[:-40]), "is damaged"),
     "cmyk": ("a.jpg", lambda p: Image.new("CMYK", (8, 8)).save(p), "is in CMYK"),
@@ -188,6 +197,34 @@ def test_pictures_are_turned_upright_as_exif_says(tmp_path: Path, orientation: i
     with Image.open(path) as stored:
         expected = np.asarray(ImageOps.exif_transpose(stored))
     np.testing.assert_allclose(read_picture(path, Stated("linear")).image, expected / 255, atol=1e-6)
+
+
+def test_the_limit_is_the_one_that_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 10)  # Pillow refuses twice as many by itself
+    path = png(tmp_path / "a.png")
+    assert read_picture(path, Stated(max_pixels=48)).image.shape == (6, 8, 3)
+    assert picture_size(path, 48) == (8, 6) and not has_alpha(path)
+    for refused in (lambda: read_picture(path, Stated(max_pixels=47)), lambda: picture_size(path, 47)):
+        with pytest.raises(InputError, match="is 8x6, more than 47 pixels"):
+            refused()
+    assert Image.MAX_IMAGE_PIXELS == 10
+
+
+@pytest.mark.parametrize("kind", [">u2", "<u2", ">f4", ">f8"])
+def test_numpy_files_of_either_byte_order(tmp_path: Path, kind: str) -> None:
+    np.save(tmp_path / "a.npy", CODES.astype(kind))
+    scale = 65535 if "u" in kind else 1
+    np.testing.assert_allclose(read_picture(tmp_path / "a.npy", Stated("linear")).image, CODES / scale, rtol=1e-6)
+
+
+def test_a_turned_prediction_has_the_size_that_it_shows(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(np.full((6, 8, 4), 255, np.uint8)).save(tmp_path / "a.png", exif=exif)
+    upright, lying = (Camera("c", w, h, np.eye(3), np.eye(3, 4)) for w, h in ((6, 8), (8, 6)))
+    assert read_prediction(tmp_path / "a.png", upright).image.shape == (8, 6, 3)
+    with pytest.raises(InputError, match="is 6x8, its camera says 8x6"):
+        read_prediction(tmp_path / "a.png", lying)
 
 
 @pytest.mark.parametrize("largest", [1, 3])

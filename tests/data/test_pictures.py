@@ -101,7 +101,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
         "text.npy": "damaged or no numpy file",
         "object.npy": "damaged or no numpy file",
         "a.tiff": "unknown type; expected a file ending in .exr, .png",
-        "nan.npy": "holds 12 values that are NaN or infinite",
+        "nan.npy": "holds 12 values that are NaN, infinite or beyond 32-bit floats",
         "long.npy": "holds int64; expected floating point, uint8 or uint16",
         "none.npy": r"is empty: its shape is \(0, 2, 3\)",
         "flat.npy": r"has shape \(2, 2\), expected \(H, W, 3\) or \(H, W, 4\)",

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...files import whole
+from ..codes import opened_codes
 from ..pictures import SUFFIXES
 from ..picturesize import has_alpha, picture_size
 from .manifest import FILE
@@ -132,11 +133,9 @@ def _cameras(folder: Path, first: Path) -> list[str]:
 
 def _focal(path: Path) -> tuple[float, bool]:
     """The focal length as on 35 mm film, and whether the picture tells it."""
-    from PIL import Image
-
     if path.suffix.lower() in (".exr", ".npy"):
         return _PHONE, False
-    with Image.open(path, formats=("PNG", "JPEG", "AVIF")) as image:
+    with opened_codes(path) as image:
         exif = image.getexif()
         told = exif.get_ifd(0x8769).get(_FOCAL_35MM) or exif.get(_FOCAL_35MM)
     return (float(told), True) if isinstance(told, int | float) and told > 0 else (_PHONE, False)

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from ...errors import InputError
 from ...scene import Array, Camera, Prediction
@@ -14,6 +13,7 @@ from .. import pictures
 from ..exr import not_finite
 from ..exrheader import opened, read_parts
 from ..pictures import clamped_alpha
+from ..picturesize import picture_size
 
 _COLOUR = ("R", "G", "B", "A")
 _DEPTH, _NORMAL = ("depth.Z",), ("normal.X", "normal.Y", "normal.Z")
@@ -58,16 +58,15 @@ def _displayed(path: Path, camera: Camera) -> Prediction:
     """The prediction in a PNG file."""
     wanted = camera.width, camera.height
     try:
-        with Image.open(path) as file:
-            size = file.size
-    except (OSError, ValueError, Image.DecompressionBombError) as error:
-        raise Misfit("unreadable", f"cannot be read ({error})") from error
+        size = picture_size(path)
+    except InputError as error:
+        raise _unreadable(path, error) from error
     if size != wanted:
         raise Misfit("size", f"is {size[0]}x{size[1]}, its camera says {wanted[0]}x{wanted[1]}")
     try:
         picture = pictures.read_picture(path, pictures.Stated(encoding="srgb", alpha="straight"))
     except InputError as error:
-        raise Misfit("unreadable", f"cannot be read ({str(error).removeprefix(f'picture {path} ')})") from error
+        raise _unreadable(path, error) from error
     if picture.alpha is None:
         raise Misfit("channels", "has no alpha")
     return Prediction(picture.image, picture.alpha)

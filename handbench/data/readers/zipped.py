@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import warnings
 import zipfile
 from collections.abc import Iterator
 from functools import lru_cache
@@ -16,6 +15,7 @@ import numpy as np
 from ...errors import Absent, InputError
 from ...files import check_value, read_bytes
 from ...scene import Array
+from ..codes import opened_codes
 from ..filekind import check_size
 
 _LIMIT = 128 << 20  # bytes of one file, unpacked
@@ -107,14 +107,10 @@ class Kept:
 
 
 def _decoded(content: bytes, place: Path, name: str) -> Array:
-    from PIL import Image
-
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit is ours
-            with Image.open(io.BytesIO(content), formats=("PNG", "JPEG", "AVIF")) as image:
-                check_size(place / name, "picture", *image.size)
-                return np.asarray(image)
+        with opened_codes(io.BytesIO(content)) as image:
+            check_size(place / name, "picture", *image.size)
+            return np.asarray(image)
     except InputError:
         raise
     except Exception as error:  # decoders raise their own types for damaged files
