@@ -18,7 +18,7 @@ from handbench.hand import hand_model
 from handbench.hand.canonical import AllBones, Deformation, NearestBones, Starts, WeightField, canonicalise
 from handbench.methods.palm.config import PRESETS
 from handbench.methods.palm.model import PalmModel
-from handbench.studies.speed.volume import View, skipped
+from handbench.studies.speed.volume import PersonView, skipped
 
 POSES = ("rest", "random", "fist")
 
@@ -52,7 +52,7 @@ def rays(weights: Path) -> None:
     state = load_file(weights)
     model = PalmModel(PRESETS["quick"], hand_model(), len(state["phi"]))
     model.load_state_dict(state)
-    found = skipped(View.of(model.requires_grad_(False), 256))
+    found = skipped(PersonView.of(model.requires_grad_(False), 256))
     for one in found:
         times = one.seconds / found[0].seconds
         print(f"{one.label:60} {one.seconds:8.2f} s {times:6.1f} times all skips   relative RMSE {one.error:.5f}")

@@ -13,8 +13,9 @@ from handbench.bench.store import Store
 from handbench.results.record import (
     CaptureRecord,
     CellRecord,
+    CellTimes,
     ColumnRecord,
-    Device,
+    Hardware,
     Laws,
     MethodRecord,
     MetricRecord,
@@ -23,7 +24,6 @@ from handbench.results.record import (
     RunRecord,
     ScoredFrame,
     Spread,
-    Times,
 )
 
 from .measure import Measurement, summary
@@ -31,7 +31,7 @@ from .measure import Measurement, summary
 METHODS, SUBJECTS, FRAMES = 10, 25, 20  # frames of a subject in a column
 METRICS = ("psnr", "ssim", "lpips-alex", "lpips-vgg", "flip")
 COLUMNS = ("unseen-segment", "unseen-subject", "unseen-light", "environment")
-DEVICE = Device("made up", 2, 2, 8.0)
+DEVICE = Hardware("made up", 2, 2, 8.0)
 VALUES = METHODS * SUBJECTS * FRAMES * len(METRICS) * len(COLUMNS)
 
 # The seconds and the peak memory in MB of a command, interpreter and imports included.
@@ -102,7 +102,7 @@ def _cell(key: str, info: MethodRecord, subject: int, values: np.ndarray) -> Cel
         for query, of_query in zip(_queries(subject, column, values.shape[1]), of_column, strict=True)
     )
     spread = Spread(4.0, 3.0, 6.0, 12, (4.0,) * 12)
-    times = Times(40.0, 0.2, {"olat": spread}, {"olat": spread}, score_s=3.0)
+    times = CellTimes(40.0, 0.2, {"olat": spread}, {"olat": spread}, score_s=3.0)
     about = {"device": DEVICE, "laws": Laws(linearity=1e-7), "same_pixels": True}
     return CellRecord(key, info, f"s{subject:02d}", 0, tuple(map(_signature, METRICS)), scores, times, **about)
 

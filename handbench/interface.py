@@ -170,7 +170,7 @@ class Results:
 
     def query(self, sql: str) -> list[tuple[Any, ...]]:
         """The answer to a SELECT over the views runs, methods, cells, times and scores, as `handbench query` gives."""
-        from .results.query import Results as Views
+        from .results.query import ResultsDatabase as Views
 
         with Views(list(self.runs)) as views:
             return views.query(sql).rows

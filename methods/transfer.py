@@ -52,7 +52,7 @@ INFO = MethodInfo(
 
 
 @dataclass(frozen=True)
-class Frames:
+class TexelFrames:
     """Positions (N, 3) of the texels of a posed mesh, and in each an orthonormal frame (N, 3, 3) that turns with the
     surface: rows tangent, bitangent, normal. Light is told in harmonics up to a degree."""
 
@@ -61,7 +61,7 @@ class Frames:
     degree: int
 
     @staticmethod
-    def of(mesh: PosedMesh, atlas: Atlas, degree: int) -> Frames:
+    def of(mesh: PosedMesh, atlas: Atlas, degree: int) -> TexelFrames:
         normal = unit_rows(atlas.interpolate(mesh.normals))
         uvs, uv_faces = mesh.topology.unwrapped
         corners, places = mesh.vertices[mesh.topology.faces[atlas.face]], uvs[uv_faces[atlas.face]]
@@ -72,7 +72,7 @@ class Frames:
         along = side[:, None] * (a * v[:, 1:] - b * u[:, 1:])
         tangent = unit_rows(along - (along * normal).sum(axis=1, keepdims=True) * normal)
         axes = np.stack([tangent, np.cross(normal, tangent), normal], axis=1)
-        return Frames(atlas.interpolate(mesh.vertices), axes, degree)
+        return TexelFrames(atlas.interpolate(mesh.vertices), axes, degree)
 
     def light(self, lights: LightSet) -> Array:
         """The harmonics (N, K, 3) of lights as each texel sees them, in its own frame.
@@ -110,11 +110,16 @@ class PosedTransfer(PosedAvatar):
     """The texels' frames, and what the camera sees of them; `frames` are those that another camera saw."""
 
     def __init__(
-        self, transfer: Array, config: TransferConfig, mesh: PosedMesh, camera: Camera, frames: Frames | None = None
+        self,
+        transfer: Array,
+        config: TransferConfig,
+        mesh: PosedMesh,
+        camera: Camera,
+        frames: TexelFrames | None = None,
     ) -> None:
         self._transfer, self._config, self._mesh = transfer, config, mesh
         self._atlas = Atlas.of(mesh.topology, config.texture)
-        self._frames = frames or Frames.of(mesh, self._atlas, config.degree)
+        self._frames = frames or TexelFrames.of(mesh, self._atlas, config.degree)
         self._raster = rasterise(mesh, camera)
 
     def seen_by(self, camera: Camera) -> PosedAvatar:
@@ -175,7 +180,7 @@ def _pictures(
             pose, surface, axes, lit = (
                 frame.pose_key,
                 TexelSurface.of(posed, atlas),
-                Frames.of(posed, atlas, config.degree),
+                TexelFrames.of(posed, atlas, config.degree),
                 {},
             )
         assert axes is not None

@@ -24,7 +24,7 @@ from handbench.results.statistics import (
 from handbench.results.values import Values
 from handbench.scene import Array
 
-from .model import Aggregate, Column
+from .model import Aggregate, MetricColumn
 
 _COUNT = re.compile(r"(?<![\w.])\d{1,9}(?![\w.])")  # "3" in "3 values", nothing in "s01" and "0.5"
 _NOTHING = re.compile(r"(?!)")
@@ -70,7 +70,7 @@ class _Scored:
 
 def column_cells(
     rows: Sequence[Values],
-    columns: Sequence[Column],
+    columns: Sequence[MetricColumn],
     competing: Sequence[bool],
     notes: Footnotes,
     floors: Sequence[int] = (),
@@ -100,7 +100,7 @@ def column_cells(
     return cells
 
 
-def _cell(scored: _Scored, metric: int, column: Column, notes: Footnotes) -> Aggregate:
+def _cell(scored: _Scored, metric: int, column: MetricColumn, notes: Footnotes) -> Aggregate:
     values, subjects = scored.values.values[metric], scored.values.subjects
     reasons = scored.values.reasons[metric]
     told = tuple(sorted({notes.number(reason) for reason in reasons}))
@@ -122,14 +122,14 @@ def _cell(scored: _Scored, metric: int, column: Column, notes: Footnotes) -> Agg
     )
 
 
-def _better(value: float, other: float, column: Column) -> bool:
+def _better(value: float, other: float, column: MetricColumn) -> bool:
     """Whether a value is better than another by what is printed."""
     decimals = column.metric.decimals
     apart = round(value, decimals) - round(other, decimals)
     return apart > 0 if column.metric.higher_is_better else apart < 0
 
 
-def _order(cells: Sequence[Aggregate], competing: Sequence[bool], column: Column) -> list[int]:
+def _order(cells: Sequence[Aggregate], competing: Sequence[bool], column: MetricColumn) -> list[int]:
     """The positions of what may win, best first: of complete coverage and above the floor."""
     values = {
         position: cell.value
@@ -140,7 +140,7 @@ def _order(cells: Sequence[Aggregate], competing: Sequence[bool], column: Column
 
 
 def _ranks(
-    order: Sequence[int], cells: Sequence[Aggregate], draws: Sequence[Array], subjects: Array, column: Column
+    order: Sequence[int], cells: Sequence[Aggregate], draws: Sequence[Array], subjects: Array, column: MetricColumn
 ) -> dict[int, int]:
     """The best (1) and the second (2) of rows by position, and whoever cannot be told from one of them.
 
@@ -169,7 +169,7 @@ def _between(first: Array, second: Array) -> Array:
 
 
 def _claimed(
-    order: Sequence[int], ranks: dict[int, int], values: Sequence[Array], subjects: Array, column: Column
+    order: Sequence[int], ranks: dict[int, int], values: Sequence[Array], subjects: Array, column: MetricColumn
 ) -> set[int]:
     """The ranks that hold for other hands too: whoever comes after is told apart by the corrected paired test."""
     found = set()
@@ -188,7 +188,7 @@ def with_differences(
     cells: list[list[Aggregate]],
     rows: Sequence[Values],
     baseline: int,
-    columns: Sequence[Column],
+    columns: Sequence[MetricColumn],
     family: Sequence[bool],
 ) -> list[list[Aggregate]]:
     """The cells with their paired differences to the row `baseline`, p-values corrected over the `family`."""

@@ -10,14 +10,14 @@ from typing import Any
 from handbench.results.statistics import differences
 from handbench.results.values import Values
 
-from .model import Agreement, Column, MethodPair, Row
+from .model import Agreement, MethodPair, MetricColumn, Row
 from .printed import UNEQUAL, number
 
 LEAST = 3  # methods whose order is compared: two agree or not by chance
 
 
 def agreements(
-    columns: Sequence[Column],
+    columns: Sequence[MetricColumn],
     rows: Sequence[Row],
     values: Sequence[dict[str, Values]],
     published: Sequence[Row],
@@ -63,7 +63,7 @@ def headline(agreement: Agreement) -> str:
     return f"{column.group.title}, {column.metric.title}: {over}"
 
 
-def sentence(pair: MethodPair, column: Column) -> str:
+def sentence(pair: MethodPair, column: MetricColumn) -> str:
     """What was published of two methods, what was measured, and whether that can be told from no difference."""
     metric = column.metric
     digits = metric.decimals
@@ -94,7 +94,9 @@ def as_json(agreement: Agreement) -> dict[str, Any]:
     }
 
 
-def _pairs(column: Column, metric: int, both: list[tuple[Row, Values]], told: list[float]) -> Iterator[MethodPair]:
+def _pairs(
+    column: MetricColumn, metric: int, both: list[tuple[Row, Values]], told: list[float]
+) -> Iterator[MethodPair]:
     """All pairs, the one that is published as better first."""
     better = 1.0 if column.metric.higher_is_better else -1.0
     order = [(i, j) if better * (told[i] - told[j]) >= 0 else (j, i) for i, j in combinations(range(len(both)), 2)]

@@ -11,7 +11,7 @@ from handbench.errors import InputError
 from handbench.files import whole, writing
 
 from .build import build
-from .model import Aggregate, Column, Row, Table
+from .model import Aggregate, MetricColumn, Row, Table
 from .printed import number
 from .run import Run, read_run
 from .template import environment
@@ -24,7 +24,7 @@ _REMEDY = "give another folder"
 
 
 @dataclass(frozen=True)
-class Entry:
+class BoardRun:
     """A run on the board; `name` is its folder's and its page's."""
 
     name: str
@@ -43,7 +43,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Line:
+class BoardCurve:
     """A method's values in a column, run by run: points (x, y) in the plot, and where its title stands."""
 
     title: str
@@ -55,8 +55,8 @@ class Line:
 class History:
     """How the first metric went in a column, from the earliest run to the latest."""
 
-    column: Column
-    lines: tuple[Line, ...]
+    column: MetricColumn
+    lines: tuple[BoardCurve, ...]
     ticks: tuple[tuple[float, str], ...]
     places: tuple[float, ...]  # of the runs, from left to right
 
@@ -65,7 +65,7 @@ class History:
 class Section:
     """Runs of one protocol version on the same data, the earliest first."""
 
-    entries: tuple[Entry, ...]
+    entries: tuple[BoardRun, ...]
 
     @property
     def plan(self) -> str:
@@ -73,14 +73,14 @@ class Section:
         return f"{protocol.title} ({protocol.label}) on {' '.join(filter(None, (capture.name, capture.size)))}"
 
     @property
-    def columns(self) -> list[tuple[int, Column]]:
+    def columns(self) -> list[tuple[int, MetricColumn]]:
         """The first metric of each column, with its place in a table's."""
         table = self.entries[0].table
         places = [table.of_group(group)[0] for group in table.groups]
         return [(place, table.columns[place]) for place in places]
 
     @property
-    def standing(self) -> list[tuple[Entry, Row]]:
+    def standing(self) -> list[tuple[BoardRun, Row]]:
         """Every measured row, newest runs first."""
         return [(e, row) for e in reversed(self.entries) for row in e.table.rows if row.kind == "method"]
 
@@ -107,8 +107,8 @@ def write_board(folder: Path, runs: Sequence[Path]) -> Path:
     names = [path.resolve().name for path in runs]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"two runs are named {twice[0]!r}, which is the name of their page; rename one of the folders")
-    entries = [Entry(name, run, build(run)) for name, run in zip(names, map(read_run, runs), strict=True)]
-    sections: dict[tuple[str, str], list[Entry]] = {}
+    entries = [BoardRun(name, run, build(run)) for name, run in zip(names, map(read_run, runs), strict=True)]
+    sections: dict[tuple[str, str], list[BoardRun]] = {}
     for entry in sorted(entries, key=lambda each: (each.started, each.name)):
         plan = entry.run.plan
         sections.setdefault((plan.protocol.digest, plan.capture.digest), []).append(entry)
@@ -134,7 +134,9 @@ def write_board(folder: Path, runs: Sequence[Path]) -> Path:
     return folder / "index.html"
 
 
-def _history(column: Column, values: dict[str, list[tuple[int, Aggregate]]], entries: Sequence[Entry]) -> History:
+def _history(
+    column: MetricColumn, values: dict[str, list[tuple[int, Aggregate]]], entries: Sequence[BoardRun]
+) -> History:
     every = [cell.value or 0.0 for found in values.values() for _, cell in found]
     margin = 0.08 * (max(every) - min(every)) or 10.0**-column.metric.decimals
     low, high = min(every) - margin, max(every) + margin
@@ -156,14 +158,14 @@ def _history(column: Column, values: dict[str, list[tuple[int, Aggregate]]], ent
             )
             for place, cell in found
         )
-        lines.append(Line(title, points, points[-1][1]))
+        lines.append(BoardCurve(title, points, points[-1][1]))
     ticks = tuple((y(value), number(value, column.metric.decimals)) for value in (min(every), max(every)))
     return History(column, tuple(_apart(lines)), ticks, tuple(map(x, range(len(entries)))))
 
 
-def _apart(lines: Sequence[Line]) -> Iterator[Line]:
+def _apart(lines: Sequence[BoardCurve]) -> Iterator[BoardCurve]:
     """The lines with labels that do not cover each other, from the top down."""
     last = -100.0
     for line in sorted(lines, key=lambda each: each.label):
         last = max(line.label, last + 12)
-        yield Line(line.title, line.points, last)
+        yield BoardCurve(line.title, line.points, last)

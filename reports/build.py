@@ -13,7 +13,6 @@ from handbench.results.record import (
     CellRecord,
     ColumnRecord,
     MethodRecord,
-    MetricRecord,
     ProtocolRecord,
     PublishedRecord,
 )
@@ -22,13 +21,13 @@ from handbench.results.values import Values, values_of
 
 from .aggregate import Footnotes, column_cells, with_differences
 from .agreement import agreements
-from .cost import Times, footprint_of, times_of
-from .model import Aggregate, Column, Group, Kind, Metric, Row, Table
+from .cost import MethodTimes, footprint_of, times_of
+from .model import Aggregate, ColumnGroup, Kind, MetricColumn, Row, Table
 from .printed import listed
-from .selection import ALL, Selection
+from .selection import ALL, ReportFilter
 
 
-def table(*run_folders: Path, baseline: str | None = None, selection: Selection = ALL) -> Table:
+def table(*run_folders: Path, baseline: str | None = None, selection: ReportFilter = ALL) -> Table:
     """The results of one run, or of several of one protocol version and capture, as one table, or some of it; see
     `build`."""
     runs = completed([read_run(folder) for folder in run_folders])
@@ -46,9 +45,9 @@ def build(*runs: Run, baseline: str | None = None) -> Table:
     """
     run = merged(runs)
     protocol = run.plan.protocol
-    metrics = tuple(map(shown_metric, protocol.metrics))
+    metrics = protocol.metrics
     groups = tuple(map(_group, protocol.columns))
-    columns = tuple(Column(group, metric) for group in groups for metric in metrics)
+    columns = tuple(MetricColumn(group, metric) for group in groups for metric in metrics)
     sources = tuple(_sources(run))
     against = _position(sources, baseline) if baseline else None
     notes = Footnotes()
@@ -77,9 +76,9 @@ def build(*runs: Run, baseline: str | None = None) -> Table:
     return Table(title, columns, (*rows, *published), notes.texts(), remarks, order, named, limits, seeds)
 
 
-def _group(column: ColumnRecord) -> Group:
+def _group(column: ColumnRecord) -> ColumnGroup:
     subjects = {query.partition("/")[0] for query in column.queries}
-    return Group(column.name, column.title, len(column.queries), len(subjects), "".join(_about(column)))
+    return ColumnGroup(column.name, column.title, len(column.queries), len(subjects), "".join(_about(column)))
 
 
 def _about(column: ColumnRecord) -> Iterator[str]:
@@ -126,13 +125,7 @@ def _position(sources: Sequence[_Source], baseline: str) -> int:
     return names.index(baseline)
 
 
-def shown_metric(metric: MetricRecord) -> Metric:
-    """A metric of a run as tables show it."""
-    about = (metric.name, metric.title, metric.signature, metric.higher_is_better)
-    return Metric(*about, latex=metric.latex, unit=metric.unit, decimals=metric.decimals)
-
-
-def _published(told: PublishedRecord, columns: tuple[Column, ...], metrics: int) -> Row:
+def _published(told: PublishedRecord, columns: tuple[MetricColumn, ...], metrics: int) -> Row:
     """A paper's row; a run tells its values by column, in the order of the metrics."""
     cells = []
     for index, column in enumerate(columns):
@@ -144,7 +137,7 @@ def _published(told: PublishedRecord, columns: tuple[Column, ...], metrics: int)
         kind="published",
         fidelity=told.source,
         cells=tuple(cells),
-        times=Times(None, None, {}, {}),
+        times=MethodTimes(None, None, {}, {}),
         marker=told.marker,
     )
 

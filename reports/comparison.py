@@ -13,19 +13,19 @@ from rich.text import Text
 
 from handbench.errors import InputError
 from handbench.results.reading import Run, mismatch, read_run
+from handbench.results.record import MetricRecord
 from handbench.results.statistics import CONFIDENCE, Difference, aggregate, corrected, differences, least_p
 from handbench.results.values import Values, values_of
 
-from .build import shown_metric
-from .model import Group, Metric
+from .model import ColumnGroup
 from .printed import UNEQUAL, UNEQUAL_NOTE, bounds, chance, letter, number, signed
 from .safe import markdown
-from .selection import ALL, Selection
+from .selection import ALL, ReportFilter
 from .terminal import difference_text
 
 
 @dataclass(frozen=True)
-class Line:
+class ComparisonLine:
     """A method in one column and metric: the first run's value, and each other run's value and difference to it.
 
     None: the run has no value, or no frame in common. `across` marks the runs whose enrolment gave it something else
@@ -33,8 +33,8 @@ class Line:
     """
 
     method: str
-    group: Group
-    metric: Metric
+    group: ColumnGroup
+    metric: MetricRecord
     value: float | None
     others: tuple[tuple[float | None, Difference | None], ...]
     enrolment: str = ""
@@ -47,11 +47,11 @@ class Comparison:
 
     title: str
     runs: tuple[str, ...]
-    lines: tuple[Line, ...]
+    lines: tuple[ComparisonLine, ...]
     alone: tuple[str, ...]
 
 
-def compare(*folders: Path, selection: Selection = ALL) -> Comparison:
+def compare(*folders: Path, selection: ReportFilter = ALL) -> Comparison:
     """All measured methods that the first run shares with another, paired by frame and seed.
 
     `selection` leaves some of their methods, columns or metrics. p-values are corrected over the methods of a column,
@@ -81,25 +81,27 @@ def compare(*folders: Path, selection: Selection = ALL) -> Comparison:
 
 def _lines(
     runs: Sequence[Run], shared: Sequence[str], values: Sequence[dict[tuple[str, str], Values]]
-) -> Iterator[Line]:
+) -> Iterator[ComparisonLine]:
     protocol = runs[0].plan.protocol
     first, *others_of = ({method.name: method for method in run.plan.methods} for run in runs)
     across = {
         name: tuple(name in of_run and of_run[name].enrolled_unlike(first[name]) for of_run in others_of)
         for name in shared
     }
-    for group in (Group(column.name, column.title) for column in protocol.columns):
-        for place, metric in enumerate(map(shown_metric, protocol.metrics)):
+    for group in (ColumnGroup(column.name, column.title) for column in protocol.columns):
+        for place, metric in enumerate(protocol.metrics):
             mine = {name: values[0][name, group.name] for name in shared}
             others = [_beside(mine, of_run, group, place) for of_run in values[1:]]
             for name, of_first in mine.items():
                 value = aggregate(of_first.values[place], of_first.subjects)
                 told = first[name].enrolment, across[name]
-                yield Line(first[name].title, group, metric, value, tuple(found[name] for found in others), *told)
+                yield ComparisonLine(
+                    first[name].title, group, metric, value, tuple(found[name] for found in others), *told
+                )
 
 
 def _beside(
-    mine: dict[str, Values], theirs: dict[tuple[str, str], Values], group: Group, place: int
+    mine: dict[str, Values], theirs: dict[tuple[str, str], Values], group: ColumnGroup, place: int
 ) -> dict[str, tuple[float | None, Difference | None]]:
     """Of each method another run's value, and its difference to the first run's."""
     found: dict[str, tuple[float | None, Difference | None]] = dict.fromkeys(mine, (None, None))
@@ -127,7 +129,7 @@ def render_comparison(comparison: Comparison) -> RenderableType:
     return Lines(Text(comparison.title, style="bold"), *named, *grids, *remarks)
 
 
-def _grid(group: Group, metric: Metric, lines: Sequence[Line]) -> RichTable:
+def _grid(group: ColumnGroup, metric: MetricRecord, lines: Sequence[ComparisonLine]) -> RichTable:
     grid = RichTable(
         title=f"{group.title}, {metric.title} {metric.arrow}",
         title_justify="left",
@@ -190,7 +192,7 @@ def _markdown(comparison: Comparison) -> Iterator[str]:
     yield from (f"{markdown(remark)}\n" for remark in (sentence(comparison), *_remarks(comparison)))
 
 
-def _markdown_cells(line: Line) -> Iterator[str]:
+def _markdown_cells(line: ComparisonLine) -> Iterator[str]:
     decimals = line.metric.decimals
     yield markdown(line.method)
     yield f"{markdown(line.metric.title)} {line.metric.arrow}"

@@ -20,7 +20,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Times:
+class MethodTimes:
     """What a method costs; None or without an entry where not measured.
 
     Seconds to train and to personalise one cell. By kind of frame, milliseconds of a new pose (pose and relight
@@ -54,10 +54,10 @@ class Footprint:
         return any(value is not None for value in vars(self).values())
 
 
-def times_of(cells: Sequence[CellRecord]) -> Times:
+def times_of(cells: Sequence[CellRecord]) -> MethodTimes:
     """What the cells of a method took: medians, with the extremes of everything measured."""
     times = [cell.times for cell in cells]
-    return Times(
+    return MethodTimes(
         _span([each.train_s for each in times]),
         _span([each.personalise_s for each in times]),
         _milliseconds([each.new_pose_ms for each in times]),

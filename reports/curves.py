@@ -41,7 +41,7 @@ Terms: TypeAlias = Mapping[str, Points]
 
 
 @dataclass(frozen=True)
-class Curve:
+class LossCurve:
     """A training: (step, value) points of each named loss; values that were not finite are left out."""
 
     seed: int
@@ -49,27 +49,27 @@ class Curve:
     terms: Terms
 
 
-def curves(run: Run) -> dict[str, tuple[Curve, ...]]:
+def curves(run: Run) -> dict[str, tuple[LossCurve, ...]]:
     """The trainings of each method by its name: priors and personalisations; methods without any are not there."""
-    found: dict[str, dict[str, Curve]] = defaultdict(dict)
+    found: dict[str, dict[str, LossCurve]] = defaultdict(dict)
     for cell in run.cells:
         of_method = found[cell.method.name]
         if cell.prior is not None and cell.prior not in of_method:
             prior = run.read_prior(cell.prior)
             if prior is not None and (terms := _terms(prior.curve)):
-                of_method[cell.prior] = Curve(cell.seed, "", terms)
+                of_method[cell.prior] = LossCurve(cell.seed, "", terms)
         if terms := _terms(cell.curve):
-            of_method[cell.key] = Curve(cell.seed, cell.subject, terms)
+            of_method[cell.key] = LossCurve(cell.seed, cell.subject, terms)
     return {name: tuple(trainings.values()) for name, trainings in found.items() if trainings}
 
 
-def loss_figures(run: Run) -> Iterator[Losses]:
+def loss_figures(run: Run) -> Iterator[LossPlot]:
     """The losses of each method in the order of the run's methods; a line of one or two points is none."""
     trainings = curves(run)
     for method in run.plan.methods:
         long = (replace(each, terms=_lines(each.terms)) for each in trainings.get(method.name, ()))
         if drawn := tuple(each for each in long if each.terms):
-            yield Losses(method.name, method.title, drawn)
+            yield LossPlot(method.name, method.title, drawn)
 
 
 def _lines(terms: Terms) -> Terms:
@@ -77,13 +77,13 @@ def _lines(terms: Terms) -> Terms:
 
 
 @dataclass(frozen=True)
-class Losses:
+class LossPlot:
     """All trainings of a method in one drawing: losses that are always positive on a logarithmic axis, others on a
     linear one beside it."""
 
     name: str
     title: str
-    trainings: tuple[Curve, ...]
+    trainings: tuple[LossCurve, ...]
 
     @property
     def size(self) -> tuple[int, int]:
@@ -142,7 +142,7 @@ def _draw(axes: Axes, name: str, lines: Sequence[Points], colour: str, dashes: s
         axes.plot(steps, values, color=colour, linestyle=dashes, linewidth=width, alpha=strength, label=label)
 
 
-def _caption(title: str, trainings: Sequence[Curve]) -> str:
+def _caption(title: str, trainings: Sequence[LossCurve]) -> str:
     seeds = ", ".join(map(str, sorted({curve.seed for curve in trainings})))
     subjects = len({curve.subject for curve in trainings} - {""})
     return f"{title}: seed {seeds}" + (f", {subjects} subjects" if subjects else "")

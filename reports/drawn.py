@@ -10,15 +10,15 @@ from pathlib import Path
 
 from handbench.errors import InputError, unknown_name
 from handbench.files import check_folder, whole
+from handbench.results.record import MetricRecord
 
-from .build import build, shown_metric
+from .build import build
 from .figures import Panel, Square, panels
-from .model import Metric
 from .pareto import plots
 from .pareto_figures import pareto_figures
 from .pictures import Sheet, grid
 from .run import Run, read_run
-from .selection import Selection
+from .selection import ReportFilter
 
 _MOST = 12  # frames that a pattern may fit: each is a line of pictures
 
@@ -44,7 +44,7 @@ class Figures:
         return Sheet(width=self.width, dpi=self.dpi, detail=self.crop is not None)
 
 
-def write_figures(run_folder: Path, selection: Selection, figures: Figures, out: Path) -> Iterator[Path]:
+def write_figures(run_folder: Path, selection: ReportFilter, figures: Figures, out: Path) -> Iterator[Path]:
     """Write figures as PNG and PDF into a folder, and tell each file: the frames that are asked for, or else typical
     ones, and score against time.
 
@@ -58,7 +58,7 @@ def write_figures(run_folder: Path, selection: Selection, figures: Figures, out:
     shown = tuple(panels(run, queries or None, figures.crop or None, whole_run))
     if not shown:
         raise InputError(f"{run_folder} keeps no truth of these frames; run it with the method oracle")
-    metric = shown_metric(run.plan.protocol.metrics[0])
+    metric = run.plan.protocol.metrics[0]
     made = [*_pictures(shown, metric, figures.sheet, bool(queries))]
     made += pareto_figures(plots(build(run)), figures.width, figures.dpi) if not queries else []
     for name, files in made:
@@ -87,7 +87,7 @@ def chosen(run: Run, wanted: Sequence[str]) -> list[str]:
 
 
 def _pictures(
-    shown: Sequence[Panel], metric: Metric, sheet: Sheet, one: bool
+    shown: Sequence[Panel], metric: MetricRecord, sheet: Sheet, one: bool
 ) -> Iterator[tuple[str, dict[str, bytes]]]:
     """One figure of all frames that were asked for, or one a kind of light."""
     if one:

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 from handbench.results.statistics import Difference
 
-from .model import Aggregate, Column, Row, Table
+from .model import Aggregate, MetricColumn, Row, Table
 from .printed import (
     COST_TITLES,
     UNEQUAL,
@@ -28,7 +28,7 @@ from .safe import latex, latex_header, one_line
 from .style import PLAIN, Style
 from .texletters import GUARD
 
-_Text: TypeAlias = Callable[[Aggregate, Column], str]
+_Text: TypeAlias = Callable[[Aggregate, MetricColumn], str]
 _STARRED = r"* $p<0.05$, ** $p<0.01$, *** $p<0.001$, corrected over the methods of a column (Holm)."
 _STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 _OPEN, _SUNK = r"$\circ$", r"{\tiny $\bigtriangledown$}"
@@ -244,7 +244,7 @@ def _folded(table: Table, block: _Block, points: float) -> Iterator[list[int]]:
         yield batch
 
 
-def _column_points(block: _Block, index: int, column: Column) -> float:
+def _column_points(block: _Block, index: int, column: MetricColumn) -> float:
     head = max(map(_points, latex(f"{column.metric.title} {column.metric.arrow}").split(" (")))
     cells = [_points(block.text(row.cells[index], column)) for row in block.rows]
     small = [_TINY * _points(block.below(row.cells[index], column)) for row in block.rows] if block.below else []
@@ -263,7 +263,7 @@ def _bare(text: str) -> float:
     return sum(2.6 if sign in " .,;:'|!()[]ijlt" else 6.2 if sign.isupper() else 4.4 for sign in shown)
 
 
-def _head(column: Column) -> str:
+def _head(column: MetricColumn) -> str:
     """The metric's own header; what stands in brackets goes to a second line, to save width."""
     metric = column.metric
     head, bracket, rest = latex_header(metric.latex, f"{metric.title} {metric.arrow}").partition(" (")
@@ -287,7 +287,7 @@ def _name(row: Row) -> str:
 
 
 def _cell(style: Style) -> _Text:
-    def text(cell: Aggregate, column: Column) -> str:
+    def text(cell: Aggregate, column: MetricColumn) -> str:
         value = latex(number(cell.value, column.metric.decimals))
         value = {0: value, 1: f"\\textbf{{{value}}}", 2: f"\\underline{{{value}}}"}[cell.rank]
         value += _beside(_OPEN * (cell.rank > 0 and not cell.claimed) + _SUNK * cell.sunk + _NEQ * cell.unequal)
@@ -299,11 +299,11 @@ def _cell(style: Style) -> _Text:
     return text
 
 
-def _interval(cell: Aggregate, column: Column) -> str:
+def _interval(cell: Aggregate, column: MetricColumn) -> str:
     return latex(between(cell, column.metric.decimals))
 
 
-def _difference(cell: Aggregate, column: Column) -> str:
+def _difference(cell: Aggregate, column: MetricColumn) -> str:
     """The difference with the stars of its corrected p-value."""
     apart = cell.difference
     if apart is None:
@@ -321,5 +321,5 @@ def _beside(mark: str) -> str:
     return f"\\rlap{{\\textsuperscript{{{mark}}}}}" if mark else ""
 
 
-def _apart(cell: Aggregate, column: Column) -> str:
+def _apart(cell: Aggregate, column: MetricColumn) -> str:
     return "" if cell.difference is None else latex(bounds(cell.difference, column.metric.decimals))

@@ -6,9 +6,10 @@ import zlib
 from dataclasses import dataclass, field
 from typing import Literal
 
+from handbench.results.record import MetricRecord
 from handbench.results.statistics import Difference
 
-from .cost import Footprint, Times
+from .cost import Footprint, MethodTimes
 
 LIGHT_TITLES = {  # of what is timed, from the light that costs most to the one that costs least
     "environment": "an environment",
@@ -21,24 +22,7 @@ Kind = Literal["method", "calibration", "published"]
 
 
 @dataclass(frozen=True)
-class Metric:
-    """A metric as a run declares it; `latex` is its column header, `decimals` how many to print."""
-
-    name: str
-    title: str
-    signature: str
-    higher_is_better: bool
-    latex: str
-    unit: str
-    decimals: int
-
-    @property
-    def arrow(self) -> str:
-        return "↑" if self.higher_is_better else "↓"
-
-
-@dataclass(frozen=True)
-class Group:
+class ColumnGroup:
     """A protocol column: a set of scored frames that answers one question. All metrics are shown under it.
 
     about   what it asks, and what its frames have in common with training, in a sentence
@@ -62,9 +46,9 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Column:
-    group: Group
-    metric: Metric
+class MetricColumn:
+    group: ColumnGroup
+    metric: MetricRecord
 
 
 @dataclass(frozen=True)
@@ -121,7 +105,7 @@ class Row:
     kind: Kind
     fidelity: str
     cells: tuple[Aggregate, ...]
-    times: Times
+    times: MethodTimes
     marker: str = ""
     nonlinearity: float | None = None
     enrolment: str = ""
@@ -171,7 +155,7 @@ class MethodPair:
 class Agreement:
     """How a column's order of methods agrees with the published one: Kendall's tau-b, None if either side all ties."""
 
-    column: Column
+    column: MetricColumn
     methods: tuple[str, ...]
     tau: float | None
     pairs: tuple[MethodPair, ...]
@@ -194,7 +178,7 @@ class Table:
     """
 
     title: str
-    columns: tuple[Column, ...]
+    columns: tuple[MetricColumn, ...]
     rows: tuple[Row, ...]
     footnotes: tuple[str, ...]
     remarks: tuple[str, ...] = ()
@@ -248,23 +232,23 @@ class Table:
         return tuple(row for row in self.computed if row.footprint.told)
 
     @property
-    def groups(self) -> tuple[Group, ...]:
+    def groups(self) -> tuple[ColumnGroup, ...]:
         return tuple(dict.fromkeys(column.group for column in self.columns))
 
     @property
-    def metrics(self) -> tuple[Metric, ...]:
+    def metrics(self) -> tuple[MetricRecord, ...]:
         return tuple(dict.fromkeys(column.metric for column in self.columns))
 
-    def rows_of(self, group: Group) -> tuple[Row, ...]:
+    def rows_of(self, group: ColumnGroup) -> tuple[Row, ...]:
         """The rows of a group's table: published ones that tell nothing of it are left out."""
         return tuple(row for row in self.rows if self.tells(row, group))
 
-    def tells(self, row: Row, of: Group | Metric) -> bool:
+    def tells(self, row: Row, of: ColumnGroup | MetricRecord) -> bool:
         """Whether a row belongs into a table of a group or a metric: of published ones those with a value there."""
         there = (i for i, column in enumerate(self.columns) if of in (column.group, column.metric))
         return row.kind != "published" or any(row.cells[i].value is not None for i in there)
 
-    def of_group(self, group: Group) -> tuple[int, ...]:
+    def of_group(self, group: ColumnGroup) -> tuple[int, ...]:
         """The positions of a group's columns."""
         return tuple(i for i, column in enumerate(self.columns) if column.group == group)
 

@@ -11,11 +11,12 @@ from handbench.studies.auditrecord import audit_told
 
 from .aggregate import RESAMPLES
 from .agreement import headline, sentence
+from .conclusion import conclusion
 from .cost import Span
-from .curves import Losses
+from .curves import LossPlot
 from .figures import ERROR_SCALE, Panel
 from .frames import KINDS
-from .model import LIGHT_TITLES, Aggregate, Column, Table
+from .model import LIGHT_TITLES, Aggregate, MetricColumn, Table
 from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments, numbered, shown, told
 from .pictures import colour_stops, error_uri, image_uri, svg_uri
 from .printed import (
@@ -41,21 +42,20 @@ from .scores import scores
 from .speed import speed_section
 from .stress import stress_section
 from .template import environment
-from .verdict import answer
 from .viewer import Viewer
 
 
 @dataclass(frozen=True)
-class Shown:
+class PageContent:
     """What a page shows beside its tables."""
 
     panels: Sequence[Panel] = ()
-    losses: Sequence[Losses] = ()
+    losses: Sequence[LossPlot] = ()
     plots: Sequence[Plot] = ()
     viewer: Viewer | None = None
 
 
-def render_page(table: Table, run: Run, also: Shown) -> str:
+def render_page(table: Table, run: Run, also: PageContent) -> str:
     """The HTML text of a run's page. Its only date is the run's, so the same run gives the same page."""
     page = environment(
         image_uri=image_uri,
@@ -88,7 +88,7 @@ def render_page(table: Table, run: Run, also: Shown) -> str:
     return page.get_template("page.html").render(
         table=table,
         plan=run.plan,
-        verdict=answer(table),
+        conclusion=conclusion(table),
         audits=[_audit(part, several=bool(run.parts)) for part in run.parts or (run,)],
         scope=" ".join(_scope(table)),
         checks=_checks(table, run),
@@ -137,7 +137,7 @@ def _audit(run: Run, several: bool) -> str:
     return f"{run.folder.resolve().name}: {audit_told(run)}" if several else audit_told(run)
 
 
-def _contents(table: Table, shown: Shown, studies: Mapping[str, str | None]) -> list[tuple[str, str]]:
+def _contents(table: Table, shown: PageContent, studies: Mapping[str, str | None]) -> list[tuple[str, str]]:
     """The sections that are there: (anchor, title)."""
     places = (
         ("results", "Results", True),
@@ -199,11 +199,11 @@ def _share(total: int, skipped: int) -> str:
     return f"{percent:.0f} %" if percent >= 1.0 else "under 1 %"
 
 
-def _cell_text(cell: Aggregate, column: Column) -> str:
+def _cell_text(cell: Aggregate, column: MetricColumn) -> str:
     return number(cell.value, column.metric.decimals)
 
 
-def _interval(cell: Aggregate, column: Column) -> str:
+def _interval(cell: Aggregate, column: MetricColumn) -> str:
     return between(cell, column.metric.decimals)
 
 

@@ -14,8 +14,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from .model import Group, Metric, Row, Table
-from .places import Box, Label, placed, width
+from handbench.results.record import MetricRecord
+
+from .model import ColumnGroup, Row, Table
+from .places import Label, PlotBox, placed, width
 from .printed import UNEQUAL, number
 
 TIMES = {
@@ -25,7 +27,7 @@ TIMES = {
     "memory": "Greatest memory while drawing",
 }
 WIDTH, HEIGHT = 360, 240  # of a drawing
-FRAME = Box(46, 18, 332, 202)  # the plot in it; the text of the last time has room beside it
+FRAME = PlotBox(46, 18, 332, 202)  # the plot in it; the text of the last time has room beside it
 _MARGIN = 1.35  # how far the time axis goes beyond the points, as a factor
 _NAMED = 8  # rows whose titles have room in a plot
 _ROOM = 1.1  # of the widths of two times beside each other
@@ -34,7 +36,7 @@ Kind = Literal["front", "beaten", "gap", "calibration"]
 
 
 @dataclass(frozen=True)
-class Point:
+class ParetoPoint:
     """A row of the table with a time. kind "gap": its score misses frames, so it cannot be on the front.
 
     `low`, `high`: the 95 % interval of the score. `unequal`: it is on the front among methods to which enrolment gave
@@ -68,10 +70,10 @@ class Point:
 class Plot:
     """`points` from fast to slow, `left_out`: what has no place in the plot, and why."""
 
-    group: Group
-    metric: Metric
+    group: ColumnGroup
+    metric: MetricRecord
     time: str
-    points: tuple[Point, ...]
+    points: tuple[ParetoPoint, ...]
     left_out: tuple[str, ...]
 
     @property
@@ -85,20 +87,20 @@ class Plot:
         return f"{self.metric.title}{unit}, better is up"
 
     @property
-    def front(self) -> tuple[Point, ...]:
+    def front(self) -> tuple[ParetoPoint, ...]:
         return tuple(point for point in self.points if point.kind == "front")
 
 
 @dataclass(frozen=True)
-class Drawing:
+class PlotLayout:
     """A plot in its box: ticks with their texts, points with their labels, the corners of the front, and the ends of
     the points' intervals."""
 
     x_ticks: tuple[tuple[float, str], ...]
     y_ticks: tuple[tuple[float, str], ...]
-    marks: tuple[tuple[Point, float, float, Label], ...]
+    marks: tuple[tuple[ParetoPoint, float, float, Label], ...]
     front: tuple[tuple[float, float], ...]
-    bars: Mapping[Point, tuple[float, float]]
+    bars: Mapping[ParetoPoint, tuple[float, float]]
 
 
 def plots(table: Table) -> tuple[Plot, ...]:
@@ -122,7 +124,7 @@ def seconds(row: Row, time: str, kind: str) -> float | None:
     return found or None
 
 
-def draw(plot: Plot) -> Drawing:
+def draw(plot: Plot) -> PlotLayout:
     """The plot laid out in a box of `WIDTH` by `HEIGHT`, its frame at `FRAME`."""
     low, high = _span(plot)
     first, last = (math.log10(f(p.seconds for p in plot.points)) for f in (min, max))
@@ -147,7 +149,7 @@ def draw(plot: Plot) -> Drawing:
         for point in plot.points
         if point.low is not None and point.high is not None
     }
-    return Drawing(x_ticks, y_ticks, marks, corners, bars)
+    return PlotLayout(x_ticks, y_ticks, marks, corners, bars)
 
 
 def told(plot: Plot) -> str:
@@ -188,10 +190,10 @@ def clock(value: float) -> str:
 _WORDS = {"front": ", on the front", "beaten": "", "gap": ", frames missing", "calibration": ", calibration"}
 
 
-def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
+def _plot(table: Table, metric: MetricRecord, time: str, group: ColumnGroup) -> Plot:
     index = next(i for i in table.of_group(group) if table.columns[i].metric == metric)
     better = 1.0 if metric.higher_is_better else -1.0
-    points: list[Point] = []
+    points: list[ParetoPoint] = []
     left_out: list[str] = []
     crowded = len(table.computed) > _NAMED
     for place, row in enumerate(table.computed, start=1):
@@ -202,7 +204,7 @@ def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
             left_out.append(f"{row.title}: {'not told' if time == 'memory' else 'no time'}")
         else:
             kind: Kind = "calibration" if row.kind == "calibration" else "beaten" if cell.complete else "gap"
-            known = Point(row.title, cost, cell.value, kind, row.enrolment, number=place * crowded)
+            known = ParetoPoint(row.title, cost, cell.value, kind, row.enrolment, number=place * crowded)
             points.append(replace(known, low=cell.low, high=cell.high))
     points, far = _in_sight(points)
     empty = Plot(group, metric, time, (), ())
@@ -210,7 +212,7 @@ def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
         score = f"{number(point.score, metric.decimals)} {metric.unit}".strip()
         left_out.append(f"{point.title}: off the scale at {shown(empty, point.seconds)}, {score}")
     mixed = len({point.enrolment for point in points if point.kind != "calibration"}) > 1
-    ordered: list[Point] = []
+    ordered: list[ParetoPoint] = []
     best = -math.inf
     for point in sorted(points, key=lambda p: (p.seconds, -better * p.score, p.title)):
         if point.kind == "beaten" and better * point.score > best:
@@ -220,7 +222,7 @@ def _plot(table: Table, metric: Metric, time: str, group: Group) -> Plot:
     return Plot(group, metric, time, tuple(ordered), tuple(left_out))
 
 
-def _in_sight(points: Sequence[Point]) -> tuple[list[Point], list[Point]]:
+def _in_sight(points: Sequence[ParetoPoint]) -> tuple[list[ParetoPoint], list[ParetoPoint]]:
     """Calibration rows may double the span of the methods either way; those further away would squeeze the methods."""
     methods = [point for point in points if point.kind != "calibration"]
     if not methods:

@@ -18,12 +18,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
+from handbench.results.record import MetricRecord
 from handbench.scene import Array
 from handbench.scene.colour import srgb
 
 from .figures import ERROR_SCALE, Panel, Tile, detail
 from .frames import KINDS
-from .model import Metric
 from .printed import letter, number
 
 COLOURS = colormaps["inferno"]
@@ -159,7 +159,7 @@ class _Grid:
         return self.tile * (2 * tall / wide + self.detail) + 2 * _GAP + 2.4 * _LINE
 
 
-def grid(panels: Sequence[Panel], metric: Metric, sheet: Sheet = Sheet()) -> dict[str, bytes]:
+def grid(panels: Sequence[Panel], metric: MetricRecord, sheet: Sheet = Sheet()) -> dict[str, bytes]:
     """Frames, each with its letter: a line of images, one of a detail, and one of error maps with their scores.
 
     More methods than fit the width go on below.
@@ -192,7 +192,7 @@ def grid(panels: Sequence[Panel], metric: Metric, sheet: Sheet = Sheet()) -> dic
     return saved(figure, sheet.dpi or DPI)
 
 
-def _strip(axes: Axes, panel: Panel, tiles: Sequence[Tile], layout: _Grid, metric: Metric, top: float) -> None:
+def _strip(axes: Axes, panel: Panel, tiles: Sequence[Tile], layout: _Grid, metric: MetricRecord, top: float) -> None:
     tall, wide = panel.truth.shape[:2]
     across, size = layout.tile, layout.size
     side = across * tall / wide

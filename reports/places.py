@@ -23,19 +23,19 @@ _ROUNDS = 4
 _LEADER = 5.0  # labels further away than this have a line to their point
 
 
-class Box(NamedTuple):
+class PlotBox(NamedTuple):
     left: float
     top: float
     right: float
     bottom: float
 
-    def overlap(self, other: Box) -> float:
+    def overlap(self, other: PlotBox) -> float:
         """The area that both share."""
         width = min(self.right, other.right) - max(self.left, other.left)
         height = min(self.bottom, other.bottom) - max(self.top, other.top)
         return max(width, 0.0) * max(height, 0.0)
 
-    def outside(self, frame: Box) -> float:
+    def outside(self, frame: PlotBox) -> float:
         """The area that is not inside the frame."""
         return (self.right - self.left) * (self.bottom - self.top) - self.overlap(frame)
 
@@ -48,17 +48,17 @@ class Label:
     x: float
     y: float
     anchor: Literal["start", "middle", "end"]
-    box: Box
+    box: PlotBox
     leader: Spot | None
 
 
-def placed(texts: Sequence[str], spots: Sequence[Spot], line: Sequence[Spot], frame: Box) -> tuple[Label, ...]:
+def placed(texts: Sequence[str], spots: Sequence[Spot], line: Sequence[Spot], frame: PlotBox) -> tuple[Label, ...]:
     """A label for each spot, all inside the frame if there is room.
 
     Each takes the nearest place that covers least; other labels and points weigh most, the line less. Those in a crowd
     choose first, and all may choose again once the others stand.
     """
-    marks = [Box(x - MARK, y - MARK, x + MARK, y + MARK) for x, y in spots]
+    marks = [PlotBox(x - MARK, y - MARK, x + MARK, y + MARK) for x, y in spots]
     lines = [_thick(one, other) for one, other in pairwise(line)]
     choices = [_candidates(text, *spot) for text, spot in zip(texts, spots, strict=True)]
     fixed = [
@@ -76,7 +76,7 @@ def placed(texts: Sequence[str], spots: Sequence[Spot], line: Sequence[Spot], fr
     return tuple(found[i] for i in range(len(spots)))
 
 
-def _covered(candidates: Sequence[tuple[float, Label]], boxes: Sequence[Box]) -> Array:
+def _covered(candidates: Sequence[tuple[float, Label]], boxes: Sequence[PlotBox]) -> Array:
     """The area of the boxes that each candidate covers."""
     own = np.array([label.box for _, label in candidates])[:, None]
     other = np.array(boxes).reshape(1, -1, 4)
@@ -105,13 +105,13 @@ def _label(text: str, x: float, y: float, dx: float, dy: float) -> Label:
     wide, ascent, descent = width(text), 0.78 * SIZE, 0.24 * SIZE
     middle = y + dy + (0.5 if dy > 0 else -0.5 if dy < 0 else 0.0) * (ascent + descent)
     left = x + dx - (0.0 if dx > 0 else wide if dx < 0 else wide / 2)
-    box = Box(left, middle - SIZE / 2, left + wide, middle + SIZE / 2)
+    box = PlotBox(left, middle - SIZE / 2, left + wide, middle + SIZE / 2)
     anchor: Literal["start", "middle", "end"] = "start" if dx > 0 else "end" if dx < 0 else "middle"
     leader = (x + 0.9 * dx, y + 0.9 * dy) if max(abs(dx), abs(dy)) - MARK > _LEADER else None
     return Label(text, x + dx, middle + (ascent - descent) / 2, anchor, box, leader)
 
 
-def _thick(one: Spot, other: Spot) -> Box:
+def _thick(one: Spot, other: Spot) -> PlotBox:
     """A level or upright line as a box of its own thickness."""
     (x, y), (u, v) = one, other
-    return Box(min(x, u) - 1, min(y, v) - 1, max(x, u) + 1, max(y, v) + 1)
+    return PlotBox(min(x, u) - 1, min(y, v) - 1, max(x, u) + 1, max(y, v) + 1)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from handbench.results.reading import Run, merged, read_plan, read_run
-from handbench.results.record import Device
+from handbench.results.record import Hardware
 
 from .model import counted
 
 __all__ = ["Run", "machine", "merged", "read_plan", "read_run"]
 
 
-def machine(device: Device | None) -> str:
+def machine(device: Hardware | None) -> str:
     """The device in one line: "AMD EPYC 7B13, 2 cores, 2 threads, 24 GB"."""
     if device is None:
         return "an unknown machine"

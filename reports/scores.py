@@ -10,16 +10,16 @@ import numpy as np
 from handbench.results.values import values_of
 from handbench.scene import Array
 
+from .conclusion import leader
 from .frames import KINDS
 from .model import Table
 from .run import Run
-from .verdict import leader
 
 
 def scores(run: Run, table: Table) -> dict[str, Any]:
     """As the page's script reads it: `values[row][metric]` of each column are in the order of its frames.
 
-    A frame is (query, kind of light); None is a missing value. `best` is the row that the verdict is about, or the
+    A frame is (query, kind of light); None is a missing value. `best` is the row that the conclusion is about, or the
     last. Published rows have no frames.
     """
     values, kinds, rows = values_of(run), _kinds(run), table.computed

@@ -12,7 +12,7 @@ from handbench.results.record import ColumnRecord, ProtocolRecord, PublishedReco
 
 
 @dataclass(frozen=True)
-class Selection:
+class ReportFilter:
     """Names or patterns ("urhand*"), in the order in which they are to be shown; empty takes all."""
 
     methods: tuple[str, ...] = ()
@@ -75,7 +75,7 @@ class Selection:
         return replace(told, columns=columns, metrics=shown, published=published)
 
 
-ALL = Selection()
+ALL = ReportFilter()
 
 
 def _methods(plan: RunRecord) -> list[str]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from handbench.errors import InputError
 
-from .model import Column, Table
+from .model import MetricColumn, Table
 
 ARTICLE = 4.79  # inches: the text of LaTeX's plain article class
 BOTH_COLUMNS = 6.75  # of both columns of a two-column class
@@ -61,5 +61,5 @@ class Style:
 PLAIN = Style()
 
 
-def _rounded(column: Column, decimals: int) -> Column:
+def _rounded(column: MetricColumn, decimals: int) -> MetricColumn:
     return replace(column, metric=replace(column.metric, decimals=decimals))

@@ -14,10 +14,12 @@ from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from handbench.results.record import MetricRecord
 from handbench.results.statistics import Difference
 
 from .agreement import headline, sentence
-from .model import Aggregate, Column, Group, Metric, Row, Table
+from .conclusion import conclusion
+from .model import Aggregate, ColumnGroup, MetricColumn, Row, Table
 from .printed import (
     COST_TITLES,
     SUNK,
@@ -34,7 +36,6 @@ from .printed import (
     signed,
 )
 from .style import PLAIN, Style
-from .verdict import answer
 
 STYLES = {0: "", 1: "bold green", 2: "underline"}
 OPEN_STYLES = {1: "bold dim", 2: "underline dim"}  # of marks that hold for these hands alone
@@ -74,7 +75,7 @@ class _Printed:
         yield from _agreements(table)
         yield from (Text(f"{letter(index)}  {note}") for index, note in enumerate(table.footnotes, start=1))
         yield from (Text(text, style="dim") for text in (*table.remarks, *table.limits, *_legend(table)))
-        yield from map(Text, answer(table).sentences)
+        yield from map(Text, conclusion(table).sentences)
 
 
 def _grids(table: Table, style: Style) -> Iterator[RichTable]:
@@ -110,7 +111,7 @@ def _agreements(table: Table) -> Iterator[Text]:
             yield Text(f"  {sentence(pair, agreement.column)}")
 
 
-def _grid(table: Table, group: Group, style: Style) -> RichTable:
+def _grid(table: Table, group: ColumnGroup, style: Style) -> RichTable:
     indices = table.of_group(group)
     grid = _empty(f"{group.title}: {group.counted}", table.rows)
     for index in indices:
@@ -123,7 +124,7 @@ def _grid(table: Table, group: Group, style: Style) -> RichTable:
     return grid
 
 
-def _differences(table: Table, group: Group) -> Iterator[RichTable]:
+def _differences(table: Table, group: ColumnGroup) -> Iterator[RichTable]:
     if not table.baseline:
         return
     grid = _empty(f"{group.title}: difference to {table.baseline}", table.compared)
@@ -136,12 +137,12 @@ def _differences(table: Table, group: Group) -> Iterator[RichTable]:
     yield grid
 
 
-def _difference(cell: Aggregate, column: Column) -> Text:
+def _difference(cell: Aggregate, column: MetricColumn) -> Text:
     text = difference_text(cell.difference, column.metric)
     return text.append(UNEQUAL) if cell.across else text
 
 
-def difference_text(apart: Difference | None, metric: Metric) -> Text:
+def difference_text(apart: Difference | None, metric: MetricRecord) -> Text:
     """A difference, its interval and its p-value on a line each; bold if the interval excludes zero."""
     if apart is None:
         return Text("–")
@@ -198,7 +199,7 @@ def _signs(cell: Aggregate) -> str:
     return SIGNS[cell.rank] + OPEN * (cell.rank > 0 and not cell.claimed) + SUNK * cell.sunk + UNEQUAL * cell.unequal
 
 
-def _cell(cell: Aggregate, column: Column, wanted: Style, room: int) -> Text:
+def _cell(cell: Aggregate, column: MetricColumn, wanted: Style, room: int) -> Text:
     """A value with its signs in `room` characters, so that digits stand below digits."""
     style = STYLES[cell.rank] if cell.claimed or not cell.rank else OPEN_STYLES[cell.rank]
     text = Text(number(cell.value, column.metric.decimals), style=style)

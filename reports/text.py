@@ -8,8 +8,9 @@ import math
 from collections.abc import Iterator
 
 from .agreement import headline, sentence
-from .cost import Footprint, Span, Times
-from .model import Aggregate, Column, Row, Table
+from .conclusion import conclusion
+from .cost import Footprint, MethodTimes, Span
+from .model import Aggregate, MetricColumn, Row, Table
 from .printed import (
     COST_TITLES,
     SUNK,
@@ -27,7 +28,6 @@ from .printed import (
 )
 from .safe import csv_cell, markdown
 from .style import PLAIN, Style
-from .verdict import answer
 
 CSV_METHOD = ("method", "title", "kind", "fidelity", "enrolment")
 CSV_METRIC = ("column", "metric", "signature", "unit", "higher_is_better")
@@ -80,7 +80,7 @@ def lines(table: Table) -> Iterator[dict[str, object]]:
         yield {"kind": "agreement", **place, "value": agreement.tau, "reasons": inverted}
 
 
-def _measured(times: Times) -> Iterator[tuple[str, str, Span]]:
+def _measured(times: MethodTimes) -> Iterator[tuple[str, str, Span]]:
     """Name, unit and value of the times that were measured."""
     for name in ("train_s", "personalise_s"):
         if (span := getattr(times, name)) is not None:
@@ -102,7 +102,7 @@ def _taken(own: Footprint) -> Iterator[tuple[str, str, Span]]:
         yield "frame_j", "J", own.frame_j
 
 
-def _csv_column(column: Column) -> dict[str, object]:
+def _csv_column(column: MetricColumn) -> dict[str, object]:
     metric = column.metric
     about = (column.group.name, metric.name, metric.signature, metric.unit, metric.higher_is_better)
     return dict(zip(CSV_METRIC, about, strict=True))
@@ -127,7 +127,7 @@ def render_markdown(table: Table, style: Style = PLAIN) -> str:
 
 def _markdown(table: Table, style: Style) -> Iterator[str]:
     yield f"# {markdown(table.title)}"
-    yield from (f"\n{markdown(sentence)}" for sentence in answer(table).sentences)
+    yield from (f"\n{markdown(sentence)}" for sentence in conclusion(table).sentences)
     for group in table.groups:
         indices = table.of_group(group)
         titles = [f"{table.columns[i].metric.title} {table.columns[i].metric.arrow}" for i in indices]
@@ -187,7 +187,7 @@ def _title(row: Row) -> str:
     return markdown(row.title + row.suffix + (f" ({row.enrolment})" if row.enrolment else ""))
 
 
-def _markdown_cell(cell: Aggregate, column: Column, style: Style) -> str:
+def _markdown_cell(cell: Aggregate, column: MetricColumn, style: Style) -> str:
     decimals = column.metric.decimals
     value = number(cell.value, decimals)
     text = {0: value, 1: f"**{value}**", 2: f"*{value}*"}[cell.rank] + "°" * (cell.rank > 0 and not cell.claimed)
@@ -201,7 +201,7 @@ def _markdown_cell(cell: Aggregate, column: Column, style: Style) -> str:
     return text + (f" <sup>{marks(cell)}</sup>" if cell.notes else "")
 
 
-def _difference(cell: Aggregate, column: Column) -> str:
+def _difference(cell: Aggregate, column: MetricColumn) -> str:
     apart, decimals = cell.difference, column.metric.decimals
     if apart is None:
         return "–"

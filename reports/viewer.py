@@ -19,6 +19,7 @@ from handbench.evenly import evenly
 from handbench.files import read_bytes
 from handbench.scene import Array
 
+from .conclusion import leader
 from .figures import ERROR_SCALE
 from .frames import KINDS, Answer, Framing, answers
 from .model import Table
@@ -26,7 +27,6 @@ from .pictures import KNEE, STOPS, beyond_white, palette, webp
 from .printed import number
 from .run import Run
 from .truth import truth_of
-from .verdict import leader
 
 PIXELS = 60e6  # in all pictures of a page together: about 10 MB
 _LAMP_LIMIT = 1 << 20  # bytes of the picture of a light
@@ -49,7 +49,7 @@ class Viewer:
 
 
 def viewer(run: Run, table: Table) -> Viewer | None:
-    """The viewer opens with the truth beside the method that the verdict is about, or the last.
+    """The viewer opens with the truth beside the method that the conclusion is about, or the last.
 
     None for a run whose truth is not known: there is nothing to hold a method against.
     """

@@ -25,7 +25,7 @@ from .text import render_csv, render_markdown
 
 if TYPE_CHECKING:
     from .model import Table
-    from .page import Shown
+    from .page import PageContent
 
 STAMP = ".inputs"  # digest of what the reports were made from; written last
 FIGURES = "figures"
@@ -72,11 +72,11 @@ def write_reports(
 def _contents(run: Run, figures: bool, table: Table) -> dict[str, bytes]:
     from .curves import loss_figures  # imports matplotlib, which a cached report does without
     from .figures import panels
-    from .page import Shown, render_page
+    from .page import PageContent, render_page
     from .pareto import plots
     from .viewer import viewer
 
-    shown = Shown(tuple(panels(run)), tuple(loss_figures(run)), plots(table), viewer(run, table))
+    shown = PageContent(tuple(panels(run)), tuple(loss_figures(run)), plots(table), viewer(run, table))
     texts = {
         "index.html": render_page(table, run, shown),
         "table.tex": render_latex(table),
@@ -88,7 +88,7 @@ def _contents(run: Run, figures: bool, table: Table) -> dict[str, bytes]:
     return {name: text.encode() for name, text in texts.items()} | (_figures(shown, table) if figures else {})
 
 
-def _figures(shown: Shown, table: Table) -> dict[str, bytes]:
+def _figures(shown: PageContent, table: Table) -> dict[str, bytes]:
     from .pareto_figures import pareto_figures
     from .pictures import grid
 

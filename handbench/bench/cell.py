@@ -16,17 +16,17 @@ from ..errors import Changed, Unsupported
 from ..method import Avatar, Method, MethodInfo, Progress
 from ..recording import Recording
 from ..results.laws import measured
-from ..results.record import Cost, CurvePoint, Laws, Saved, ScoredFrame, Times
+from ..results.record import CellTimes, Cost, CurvePoint, Laws, ScoredFrame, SkippedShare
 from ..scene import Frame, Prediction
 from ..skips import tallied
 from . import given
-from .drawing import Drawing, light_refusal, repeated, same_picture, spreads, timed_kind
+from .drawing import TimedRenderer, light_refusal, repeated, same_picture, spreads, timed_kind
 from .failure import Failure, failure
 from .isolation import isolated
 from .lending import Lender
 from .metering import Meter, held_bytes, kept_size, metered, parameters
 from .plan import Cell
-from .priors import Curve, Priors, Training
+from .priors import CurveRecorder, Priors, Training
 from .protocol import Protocol
 from .reader import CaptureReader, blame
 from .resolving import Selected
@@ -62,22 +62,22 @@ class Bench:
 
 
 @dataclass(frozen=True)
-class Measured:
+class CellMeasurement:
     """What was measured of a cell: the fields of `CellRecord` that do not say which cell it is."""
 
     scores: tuple[ScoredFrame, ...]
-    times: Times
+    times: CellTimes
     predictions: dict[str, str] = field(default_factory=dict)
     same_pixels: bool | None = None
     error: str | None = None
     laws: Laws = field(default_factory=Laws)
-    skipped: dict[str, Saved] = field(default_factory=dict)
+    skipped: dict[str, SkippedShare] = field(default_factory=dict)
     curve: tuple[CurvePoint, ...] = ()
     remarks: tuple[str, ...] = ()
     cost: Cost = field(default_factory=Cost)
 
 
-def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Progress]) -> Measured:
+def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Progress]) -> CellMeasurement:
     """Times, scores, failures, laws and skips of a cell; its predictions are written to the store.
 
     Whatever the method raises, and a frame that cannot be read, becomes the reason of its scores. `StorageError` is
@@ -102,11 +102,11 @@ def compute(bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Pro
 
 def _compute(
     bench: Bench, cell: Cell, method: Method, steps: Callable[[str], Progress]
-) -> tuple[Measured, Callable[[], Laws]]:
+) -> tuple[CellMeasurement, Callable[[], Laws]]:
     """All that is timed or tallied, and a function that measures the laws, which are neither."""
     scored = bench.scored(cell.subject)
     label = f"{cell.method} {cell.subject} seed {cell.seed}"
-    times = Times()
+    times = CellTimes()
     try:
         if refusal := given.refusal(bench.selected, method.info, cell.subject):
             raise Unsupported(refusal)
@@ -114,7 +114,7 @@ def _compute(
         prior, train_s = bench.priors.get(training, steps(f"{cell.method} seed {cell.seed}: train"))
         times = replace(times, train_s=train_s)
         enrolment = bench.enrolment(cell.subject, method)
-        curve = Curve(steps(f"{label}: personalise"))
+        curve = CurveRecorder(steps(f"{label}: personalise"))
         start = time.perf_counter()
         with bench.store.checkpoints(cell.key) as state:
             avatar = prior.personalise(enrolment, cell.seed, curve)
@@ -125,11 +125,11 @@ def _compute(
     with tallied() as tally, metered() as meter:
         found, laws = _relight(bench, cell, method.info, avatar, scored, times, steps(f"{label}: relight"))
     found = replace(found, cost=_cost(bench, cell.prior, meter, found.times, avatar))
-    skipped = {what: Saved(saved.total, saved.skipped) for what, saved in tally.lines().items()}
+    skipped = {what: SkippedShare(saved.total, saved.skipped) for what, saved in tally.lines().items()}
     return replace(found, skipped=skipped, curve=curve.points()), laws
 
 
-def _cost(bench: Bench, prior: str, meter: Meter, times: Times, avatar: Avatar) -> Cost:
+def _cost(bench: Bench, prior: str, meter: Meter, times: CellTimes, avatar: Avatar) -> Cost:
     """What was measured while drawing and while training, and how large what is kept is."""
     from ..remote.method import RemoteAvatar, RemoteRecordedAvatar
 
@@ -157,16 +157,16 @@ def _relight(
     info: MethodInfo,
     avatar: Avatar,
     scored: list[tuple[str, Frame]],
-    times: Times,
+    times: CellTimes,
     progress: Progress,
-) -> tuple[Measured, Callable[[], Laws]]:
+) -> tuple[CellMeasurement, Callable[[], Laws]]:
     """Draw and score in chunks. The picture that is timed first is the one that is scored."""
     frames = list({frame.key: frame for _, frame in scored}.values())
     ask = partial(given.asked, bench.selected, info)
     shown = bench.selected.without_truth
     unseen = shown if info.truth else frozenset()  # who looks the truth up has nothing to look for
     drawable = [f for f in frames if f.key not in unseen and light_refusal(info, ask(f).light) is None]
-    warming, drawing = (Drawing(bench.reader, ask, info, avatar) for _ in range(2))
+    warming, drawing = (TimedRenderer(bench.reader, ask, info, avatar) for _ in range(2))
     # what a first call loads or compiles stays off the clock
     for frame in {timed_kind(frame, ask(frame)): frame for frame in drawable}.values():
         warming.anew(frame)
@@ -197,16 +197,16 @@ def _relight(
         score_s=scoring.seconds,
     )
     told = scoring.frames(scored), times, kept, same, scoring.trace
-    found = Measured(*told, remarks=scoring.remarks(cell.subject))
+    found = CellMeasurement(*told, remarks=scoring.remarks(cell.subject))
     lit = [frame for frame in drawable if frame.key not in bench.selected.as_enrolled]
     if info.truth or not lit:
         return found, Laws
     return found, partial(measured, avatar, lit, ask(frames[-1]))
 
 
-def _failed(bench: Bench, scored: Iterable[tuple[str, Frame]], why: Failure, times: Times) -> Measured:
+def _failed(bench: Bench, scored: Iterable[tuple[str, Frame]], why: Failure, times: CellTimes) -> CellMeasurement:
     """What a cell without any score tells."""
-    return Measured(failed(bench.metrics, scored, why), times, error=why.trace)
+    return CellMeasurement(failed(bench.metrics, scored, why), times, error=why.trace)
 
 
 def _keep(store: Store, key: str, drawn: Iterable[tuple[Frame, Prediction]]) -> dict[str, str]:

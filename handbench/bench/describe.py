@@ -27,7 +27,7 @@ from .provenance import device
 from .resolving import Selected
 
 if TYPE_CHECKING:
-    from .cell import Measured
+    from .cell import CellMeasurement
 
 
 def run_record(
@@ -57,7 +57,7 @@ def cell_record(
     selected: Selected,
     metrics: Iterable[str],
     origin: Provenance,
-    measured: Measured,
+    measured: CellMeasurement,
 ) -> CellRecord:
     """The file of a cell; `metrics` are signatures."""
     protocol = plan.protocol

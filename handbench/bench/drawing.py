@@ -20,7 +20,7 @@ from .reader import CaptureReader, blame
 _REPEATS = 4  # queries of each kind of light that are drawn a second time, posed anew
 
 
-class Drawing:
+class TimedRenderer:
     """Draws the queries of an avatar with the clock on; those of one viewpoint share a posed avatar.
 
     new_pose_ms     by kind of light, milliseconds of pose and relight together, for a viewpoint that nothing is kept of

@@ -63,7 +63,7 @@ class Priors:
                 return method.load(self._store.sound_state(key)), kept.train_s
             except InputError:  # its weights are damaged: trained again
                 self._store.remove_prior(key)
-        curve = Curve(progress)
+        curve = CurveRecorder(progress)
         with self._store.writing_prior(key, method.info.name, asked.seed, method.config) as new:
             start = time.perf_counter()
             # shadows kept on disk are not for relighting: its times must not depend on them
@@ -79,7 +79,7 @@ class Priors:
         return method.load(self._store.prior_state(key)), new.train_s
 
 
-class Curve:
+class CurveRecorder:
     """A progress that keeps what it is told, for the loss curves of a report."""
 
     def __init__(self, progress: Progress) -> None:

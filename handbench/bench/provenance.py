@@ -18,7 +18,7 @@ from .. import __version__
 from ..device import device_name
 from ..installed import owner_version, version
 from ..memory import physical_memory
-from ..results.record import Device, Git, Plugin, Provenance
+from ..results.record import Git, Hardware, Plugin, Provenance
 
 
 def provenance(command: list[str], targets: Iterable[str] = ()) -> Provenance:
@@ -74,7 +74,7 @@ def packages() -> dict[str, str]:
     return dict(sorted(found.items()))
 
 
-def device() -> Device:
+def device() -> Hardware:
     """The machine, for telling which times may be compared. GPUs are named only when torch is already in use."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     torch, memory = sys.modules.get("torch"), physical_memory()
@@ -83,7 +83,7 @@ def device() -> Device:
         gpus = [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())]
     threads = torch.get_num_threads() if torch is not None else int(os.environ.get("OMP_NUM_THREADS") or cores or 1)
     memory_gb = None if memory is None else round(memory / 2**30, 1)
-    return Device(_cpu_model(), cores, threads, memory_gb, tuple(gpus), device_name())
+    return Hardware(_cpu_model(), cores, threads, memory_gb, tuple(gpus), device_name())
 
 
 def _cpu_model() -> str:

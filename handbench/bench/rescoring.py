@@ -8,7 +8,7 @@ from dataclasses import replace
 from ..errors import HandbenchError
 from ..results.record import CellRecord
 from ..scene import Frame, Prediction
-from .cell import CHUNK, Bench, Measured
+from .cell import CHUNK, Bench, CellMeasurement
 from .failure import Failure
 from .plan import Cell
 from .scoring import Scoring
@@ -16,7 +16,7 @@ from .scoring import Scoring
 REMARK = "After a change of metrics, kept pictures (half floats) were scored again."
 
 
-def rescored(bench: Bench, cell: Cell, kept: CellRecord) -> Measured | None:
+def rescored(bench: Bench, cell: Cell, kept: CellRecord) -> CellMeasurement | None:
     """The cell's scores by the pictures that an earlier cell kept of the same frames, with what that one measured.
 
     None where they are not whole: the cell is computed.
@@ -37,7 +37,7 @@ def rescored(bench: Bench, cell: Cell, kept: CellRecord) -> Measured | None:
         bench.store.share_pictures(kept, cell.key)
     except (HandbenchError, OSError):  # damaged or gone
         return None
-    return Measured(
+    return CellMeasurement(
         scores=scoring.frames(scored),
         times=replace(kept.times, score_s=scoring.seconds),
         predictions=kept.predictions,

@@ -16,9 +16,9 @@ from .shared import count, examples, json_option, names, tell
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..reports.selection import Selection
+    from ..reports.selection import ReportFilter
     from ..reports.style import Style
-    from ..results.query import Answer
+    from ..results.query import ResultSet
 
 _FORMATS = ("terminal", "latex", "csv", "markdown", "json", "html", "figures")
 _VIEWS = 'Views: runs, methods, cells, times, scores (one line a value; write "column" with its quotes).'
@@ -156,10 +156,10 @@ def _report(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _selection(arguments: argparse.Namespace) -> Selection:
-    from ..reports.selection import Selection
+def _selection(arguments: argparse.Namespace) -> ReportFilter:
+    from ..reports.selection import ReportFilter
 
-    return Selection(arguments.methods, arguments.columns, arguments.metrics, arguments.subjects)
+    return ReportFilter(arguments.methods, arguments.columns, arguments.metrics, arguments.subjects)
 
 
 def _style(arguments: argparse.Namespace) -> Style:
@@ -205,9 +205,9 @@ def _compare(arguments: argparse.Namespace) -> int:
     if len(arguments.runs) < 2:
         raise InputError(f"there is nothing to compare {arguments.runs[0]} with; give two runs or more")
     from ..reports import comparison
-    from ..reports.selection import Selection
+    from ..reports.selection import ReportFilter
 
-    chosen = Selection(methods=arguments.methods, metrics=arguments.metrics)
+    chosen = ReportFilter(methods=arguments.methods, metrics=arguments.metrics)
     found = comparison.compare(*arguments.runs, selection=chosen)
     if arguments.json or arguments.format == "json":
         tell(comparison.as_json(found))
@@ -219,10 +219,10 @@ def _compare(arguments: argparse.Namespace) -> int:
 
 
 def _query(arguments: argparse.Namespace) -> int:
-    from ..results.query import Results
+    from ..results.query import ResultsDatabase
     from ..results.reading import read_run
 
-    with Results([read_run(folder) for folder in arguments.runs]) as results:
+    with ResultsDatabase([read_run(folder) for folder in arguments.runs]) as results:
         answer = results.query(arguments.sql)
     form = "json" if arguments.json else arguments.format
     if form == "csv":
@@ -248,7 +248,7 @@ def _plain(value: object) -> object:
     return value if value is None or isinstance(value, bool | int | float | str) else str(value)
 
 
-def _grid(answer: Answer) -> Table:
+def _grid(answer: ResultSet) -> Table:
     from rich.table import Table
     from rich.text import Text
 

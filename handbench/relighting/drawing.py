@@ -31,7 +31,7 @@ _WAITING = 4  # frames that may wait for the disk
 
 
 @dataclass
-class Times:
+class DrawingTimes:
     """Milliseconds of the frames that were drawn now: of a new pose, pose and relight together, and of a known one."""
 
     new_pose: list[float] = field(default_factory=list)
@@ -54,7 +54,7 @@ class Times:
 
 
 @dataclass(frozen=True)
-class Frames:
+class DrawnFrames:
     """The drawn frames of several portraits: `folder` has one EXR a frame and portrait, half floats, linear."""
 
     folder: Path
@@ -76,7 +76,7 @@ class Frames:
 
 def draw(
     portraits: Sequence[Portrait], wish: Wish, maps: Sequence[Environment], folder: Path, told: Steps
-) -> tuple[Frames, list[Times]]:
+) -> tuple[DrawnFrames, list[DrawingTimes]]:
     """Draw what is missing of a relighting into a folder, and what that took, portrait by portrait. `maps` are those of
     the wish's lights, as they were read.
 
@@ -89,7 +89,7 @@ def draw(
     if len(set(counts)) > 1:
         several = " and ".join(str(len(each.postures)) for each in shots)
         raise InputError(f"the avatars have {several} poses; give --seconds, over which those of each are spread")
-    frames = Frames(folder, counts[0], len(portraits))
+    frames = DrawnFrames(folder, counts[0], len(portraits))
     _prepare(folder, digest([__version__, wish.said(), [portrait.digest for portrait in portraits]]))
     for portrait, shown in zip(portraits, shots, strict=True):
         shown.check()
@@ -107,12 +107,12 @@ def _drawn(
     portrait: Portrait,
     shots: Shots,
     index: int,
-    frames: Frames,
+    frames: DrawnFrames,
     maps: Sequence[Environment],
     disk: ThreadPoolExecutor,
     progress: Progress,
-) -> Times:
-    times = Times()
+) -> DrawingTimes:
+    times = DrawingTimes()
     waiting: list[Future[None]] = []
     held: Held | None = None
     last = 0  # the frame that was drawn last

@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 from ..evenly import evenly
 from ..scene import Array
 from ..scene.colour import eight_bit
-from .drawing import Frames
+from .drawing import DrawnFrames
 
 EXPOSED = 0.8
 """The linear display value that the 99th percentile of all that is shown is brought to."""
@@ -23,7 +23,7 @@ _LEAST_STRIP = 14  # pixels
 _INK, _GROUND = (235, 235, 235), (24, 24, 24)
 
 
-def exposure_of(frames: Frames) -> float:
+def exposure_of(frames: DrawnFrames) -> float:
     """The factor that suits all frames of all portraits: nothing that is shown changes it from frame to frame."""
     bright = []
     for frame in evenly(range(frames.count), _LOOKED_AT):
@@ -38,7 +38,7 @@ def exposure_of(frames: Frames) -> float:
 class Tiles:
     """Pictures of several portraits side by side, each with its name below it; one alone has none."""
 
-    frames: Frames
+    frames: DrawnFrames
     names: Sequence[str]
     exposure: float
 
@@ -70,7 +70,7 @@ def _strip(name: str, height: int, width: int) -> Array:
     return np.asarray(strip)
 
 
-def flicker_of(frames: Frames, portrait: int, exposure: float) -> float | None:
+def flicker_of(frames: DrawnFrames, portrait: int, exposure: float) -> float | None:
     """How unsteady a portrait is in time, in display values; None for fewer than four frames, or nothing shown.
 
     The measure is `handbench.metrics.geometry.flicker` of the frames against themselves evened out over three frames,

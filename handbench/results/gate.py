@@ -18,7 +18,7 @@ from ..errors import InputError, unknown_name
 from ..scene import TIMED_KINDS
 from .outcome import Check, Outcome, Verdict
 from .reading import Run, mismatch
-from .record import UNEQUAL, CellRecord, Device, MetricRecord, Spread
+from .record import UNEQUAL, CellRecord, Hardware, MetricRecord, Spread
 from .statistics import aggregate, differences, time_ratio
 from .values import Values, values_of
 
@@ -239,7 +239,7 @@ def _other_device(new: _Side, old: _Side, methods: Sequence[str]) -> str | None:
     return None
 
 
-def _device(device: Device | None) -> str:
+def _device(device: Hardware | None) -> str:
     if device is None:
         return "an unknown device"
     parts = [device.cpu, f"{device.cores} cores", f"{device.threads} threads", *device.gpus]

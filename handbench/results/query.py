@@ -74,14 +74,14 @@ CREATE VIEW scores AS SELECT run, protocol, version, frame."column" AS "column",
 
 
 @dataclass(frozen=True)
-class Answer:
+class ResultSet:
     """The result of a query: names of columns, and rows."""
 
     columns: tuple[str, ...]
     rows: list[tuple[Any, ...]]
 
 
-class Results:
+class ResultsDatabase:
     """Run folders as DuckDB views. Use it in a `with` block.
 
     Raises `InputError` as `Run.cells` does.
@@ -95,13 +95,13 @@ class Results:
         self._load(completed(runs))
         self._connection.execute("SET enable_external_access = false; SET lock_configuration = true")
 
-    def __enter__(self) -> Results:
+    def __enter__(self) -> ResultsDatabase:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._connection.close()
 
-    def query(self, sql: str) -> Answer:
+    def query(self, sql: str) -> ResultSet:
         """The answer to one SELECT. Raises `InputError` for anything else, and for what DuckDB cannot answer."""
         import duckdb
 
@@ -110,7 +110,7 @@ class Results:
             if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
                 raise InputError("a query is one SELECT; results are only read")
             cursor = self._connection.execute(statements[0])
-            return Answer(tuple(name for name, *_ in cursor.description), cursor.fetchall())
+            return ResultSet(tuple(name for name, *_ in cursor.description), cursor.fetchall())
         except InputError:
             raise
         except Exception as error:  # DuckDB's own, and Python's for values that it has no type for

@@ -54,7 +54,7 @@ class Plugin:
 
 
 @dataclass(frozen=True, slots=True)
-class Device:
+class Hardware:
     """The machine, for telling which times may be compared."""
 
     cpu: str = told("model of the processor")
@@ -76,7 +76,7 @@ class Provenance:
     packages: dict[str, str] = told("versions of the packages that handbench needs", default_factory=dict)
     plugins: dict[str, Plugin] = told("packages of plug-ins from elsewhere", default_factory=dict)
     os: str = told("the operating system", default="")
-    device: Device | None = told("the machine", default=None)
+    device: Hardware | None = told("the machine", default=None)
     started: str = told("when the run started, in UTC, ISO 8601", default="")
 
 
@@ -130,6 +130,11 @@ class MetricRecord:
     unit: str = told("its unit, empty for a ratio")
     latex: str = told("its column header in LaTeX")
     decimals: Decimals = told("how many decimals are printed")
+
+    @property
+    def arrow(self) -> str:
+        """Which way is better, beside its title."""
+        return "↑" if self.higher_is_better else "↓"
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,7 +248,7 @@ class Spread:
 
 
 @dataclass(frozen=True, slots=True)
-class Times:
+class CellTimes:
     """What a cell took; a method whose answers were made elsewhere tells no times of its own."""
 
     train_s: Duration | None = told("training, in seconds, earlier stopped tries included", default=None)
@@ -287,7 +292,7 @@ class Laws:
 
 
 @dataclass(frozen=True, slots=True)
-class Saved:
+class SkippedShare:
     """What a skip left out."""
 
     total: Count = told("how much there was")
@@ -336,20 +341,20 @@ class CellRecord:
     seed: int = told("the seed")
     metrics: tuple[Key, ...] = told("signatures of the metrics, in the order of the values")
     scores: tuple[ScoredFrame, ...] = told("every scored frame, once for each of its columns")
-    times: Times = told("what it took")
+    times: CellTimes = told("what it took")
     cost: Cost = told("what it took of the machine beside time", default=Cost())
     predictions: dict[str, str] = told("SHA-256 of each kept picture, by frame", default_factory=dict)
     same_pixels: bool | None = told("whether pictures drawn twice were equal", default=None)
     error: str | None = told("the traceback of a method that crashed: it is tried again", default=None)
     laws: Laws = told("measured laws of light", default=Laws())
-    skipped: dict[str, Saved] = told("what was left out, by what it is", default_factory=dict)
+    skipped: dict[str, SkippedShare] = told("what was left out, by what it is", default_factory=dict)
     curve: tuple[CurvePoint, ...] = told("losses of personalising", default=())
     remarks: tuple[str, ...] = told("what a reader must know of the frames it was scored with", default=())
     prior: Name | None = told("the key of its training", default=None)
     drawing: Name | None = told("the key of its pictures: cells of one key differ in metrics alone", default=None)
     protocol: ProtocolVersion | None = told("the protocol", default=None)
     capture: CaptureRecord | None = told("the data", default=None)
-    device: Device | None = told("the machine", default=None)
+    device: Hardware | None = told("the machine", default=None)
     provenance: Provenance | None = told("where it comes from", default=None)
     schema: int = told("version of the format it was written in", default=SCHEMA)
 

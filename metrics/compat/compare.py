@@ -41,7 +41,7 @@ class Measure(Protocol):
 
 
 @dataclass(frozen=True)
-class Line:
+class MetricScores:
     """A metric and its scores by file; a metric of a sequence has one score, of all files."""
 
     metric: Measure
@@ -80,7 +80,7 @@ class Line:
         return "" if self.mean is None else f"{self.mean:.{self.metric.decimals}f}"
 
 
-def lines(metrics: Sequence[Metric], pairs: Iterable[tuple[str, Pair | str]]) -> list[Line]:
+def lines(metrics: Sequence[Metric], pairs: Iterable[tuple[str, Pair | str]]) -> list[MetricScores]:
     """All metrics of all pairs, which are named by their files; pairs are taken one by one.
 
     Instead of a pair may stand the reason why there is none; then its scores have that reason.
@@ -91,7 +91,7 @@ def lines(metrics: Sequence[Metric], pairs: Iterable[tuple[str, Pair | str]]) ->
         row = [Score(None, str(pair)) if looks is None else _score(metric, looks) for metric in metrics]
         for of_metric, score in zip(found, row, strict=True):
             of_metric[name] = score
-    return [Line(metric, of_metric) for metric, of_metric in zip(metrics, found, strict=True)]
+    return [MetricScores(metric, of_metric) for metric, of_metric in zip(metrics, found, strict=True)]
 
 
 def _score(metric: Metric, looks: Looks) -> Score:
@@ -105,7 +105,7 @@ def _score(metric: Metric, looks: Looks) -> Score:
         return Score(None, f"not enough memory for {width}x{height} pixels; ask for fewer metrics with --only")
 
 
-def render_terminal(found: Sequence[Line]) -> RenderableType:
+def render_terminal(found: Sequence[MetricScores]) -> RenderableType:
     """The values by quantity, as a rich renderable; `notes` says the rest."""
     values = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
     values.add_column(no_wrap=True)
@@ -119,7 +119,7 @@ def render_terminal(found: Sequence[Line]) -> RenderableType:
     return values
 
 
-def notes(found: Sequence[Line], remarks: Iterable[str] = ()) -> list[str]:
+def notes(found: Sequence[MetricScores], remarks: Iterable[str] = ()) -> list[str]:
     """What the terminal says below the values: all signatures, and what has no value and why.
 
     Lines are as long as they are: a signature that was broken could not be searched for or copied.
@@ -127,7 +127,7 @@ def notes(found: Sequence[Line], remarks: Iterable[str] = ()) -> list[str]:
     return ["", "Signatures", *(line.metric.signature for line in found if line.values), *_missing(found), *remarks]
 
 
-def render_markdown(found: Sequence[Line], remarks: Iterable[str] = ()) -> str:
+def render_markdown(found: Sequence[MetricScores], remarks: Iterable[str] = ()) -> str:
     """The values as one table, in the terminal's order, then a list of what has no value and why."""
     text = ["| metric | | value | | signature |", "| :-- | :-: | --: | :-- | :-- |"]
     for _, of_quantity in _by_quantity(found):
@@ -139,7 +139,7 @@ def render_markdown(found: Sequence[Line], remarks: Iterable[str] = ()) -> str:
     return "\n".join([*text, *([""] if below else []), *below, ""])
 
 
-def render_csv(found: Sequence[Line]) -> str:
+def render_csv(found: Sequence[MetricScores]) -> str:
     """One line a file and metric, then, of several files, one of their mean with an empty file; full precision."""
     out = io.StringIO()
     writer = csv.DictWriter(out, CSV_COLUMNS, lineterminator="\n")
@@ -160,9 +160,9 @@ def render_csv(found: Sequence[Line]) -> str:
     return out.getvalue()
 
 
-def _by_quantity(found: Iterable[Line]) -> Iterator[tuple[str, list[Line]]]:
+def _by_quantity(found: Iterable[MetricScores]) -> Iterator[tuple[str, list[MetricScores]]]:
     """Lines with a value, those of one quantity and direction together, in the order in which quantities first come."""
-    groups: dict[tuple[str, str], list[Line]] = {}
+    groups: dict[tuple[str, str], list[MetricScores]] = {}
     for line in found:
         if line.values:
             groups.setdefault((line.quantity, line.arrow), []).append(line)
@@ -170,7 +170,7 @@ def _by_quantity(found: Iterable[Line]) -> Iterator[tuple[str, list[Line]]]:
         yield quantity, of_quantity
 
 
-def _missing(found: Iterable[Line]) -> Iterator[str]:
+def _missing(found: Iterable[MetricScores]) -> Iterator[str]:
     """One sentence for each reason why metrics have no value for some or all files."""
     reasons: dict[str, list[str]] = {}
     for line in found:

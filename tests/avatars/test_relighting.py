@@ -18,7 +18,7 @@ from handbench.data.lights import NamedLight
 from handbench.errors import InputError, StorageError
 from handbench.light.environment import rotate
 from handbench.method import Pose
-from handbench.relighting.drawing import Frames, Times
+from handbench.relighting.drawing import DrawingTimes, DrawnFrames
 from handbench.relighting.drawing import draw as draw_under
 from handbench.relighting.shots import Shots, Wish, between
 from handbench.relighting.showing import Tiles, exposure_of, flicker_of
@@ -34,12 +34,12 @@ def steps(label: str):  # type: ignore[no-untyped-def]
 TOLD: Steps = steps
 
 
-def draw(portraits: list[Portrait], wish: Wish, folder: Path, told: Steps) -> tuple[Frames, list[Times]]:
+def draw(portraits: list[Portrait], wish: Wish, folder: Path, told: Steps) -> tuple[DrawnFrames, list[DrawingTimes]]:
     return draw_under(portraits, wish, [light.read() for light in wish.lights], folder, told)
 
 
 @pytest.fixture(scope="session")
-def turned(portrait: Portrait, tmp_path_factory: pytest.TempPathFactory) -> Frames:
+def turned(portrait: Portrait, tmp_path_factory: pytest.TempPathFactory) -> DrawnFrames:
     """Two portraits, one of them half as bright, under a light that turns in 6 frames."""
     avatar = type(portrait.avatar)(0.5 * portrait.avatar._texture, portrait.prior)  # type: ignore
     dim = replace(portrait, name="dim", avatar=avatar, digest="dim")
@@ -49,7 +49,7 @@ def turned(portrait: Portrait, tmp_path_factory: pytest.TempPathFactory) -> Fram
     return frames
 
 
-def test_each_frame_is_the_picture_under_its_light(portrait: Portrait, turned: Frames) -> None:
+def test_each_frame_is_the_picture_under_its_light(portrait: Portrait, turned: DrawnFrames) -> None:
     shown = portrait.repertoire
     viewpoint = shown.viewpoint(shown.posture("rest"), shown.camera("front"))
     for frame in (0, 4):
@@ -76,7 +76,7 @@ def test_a_stopped_relighting_goes_on_and_another_one_begins_anew(portrait: Port
         draw([portrait], wish, tmp_path / "mine", TOLD)
 
 
-def test_exposure_is_one_for_all_and_names_stand_below(turned: Frames) -> None:
+def test_exposure_is_one_for_all_and_names_stand_below(turned: DrawnFrames) -> None:
     exposure = exposure_of(turned)
     both = np.concatenate([turned.read(f, p)[0][turned.read(f, p)[1] > 0.5] for f in range(6) for p in range(2)])
     assert np.percentile(both, 99) * exposure == pytest.approx(0.8, rel=1e-3)
@@ -145,13 +145,13 @@ def test_poses_follow_each_other(portrait: Portrait) -> None:
 
 
 def test_times_are_told_as_numbers_with_their_unit() -> None:
-    told = Times([9.0, 3.0, 4.0], []).told
+    told = DrawingTimes([9.0, 3.0, 4.0], []).told
     assert told == {"new_pose_ms": 4.0, "new_pose_frames": 3, "known_pose_ms": None, "known_pose_frames": 0}
 
 
-def fake(folder: Path, values: list[float]) -> Frames:
+def fake(folder: Path, values: list[float]) -> DrawnFrames:
     folder.mkdir()
-    frames = Frames(folder, len(values), 1)
+    frames = DrawnFrames(folder, len(values), 1)
     for i, value in enumerate(values):
         image = np.full((4, 6, 3), value, np.float32)
         write_exr(frames.path(i, 0), {**rgb(image), "A": np.ones((4, 6), np.float16)})

@@ -21,12 +21,12 @@ from handbench.errors import Damaged, InputError, StorageError
 from handbench.reports import render_csv, render_latex, render_markdown, render_terminal, table
 from handbench.reports.curves import curves
 from handbench.reports.figures import chosen
-from handbench.reports.page import Shown, render_page
+from handbench.reports.page import PageContent, render_page
 from handbench.reports.pareto import draw, plots, told
 from handbench.results.gate import Quality, gate
-from handbench.results.query import Results
+from handbench.results.query import ResultsDatabase
 from handbench.results.reading import read_run
-from handbench.results.record import CellRecord, CurvePoint, MethodRecord, ScoredFrame, Spread, Times
+from handbench.results.record import CellRecord, CellTimes, CurvePoint, MethodRecord, ScoredFrame, Spread
 from handbench.results.recordfile import documentation, dump, parse, sealed
 from handbench.results.schema import plain
 from handbench.results.values import values_of
@@ -59,7 +59,7 @@ def cell() -> CellRecord:
     frames = tuple(
         ScoredFrame("light", f"s01/pose/cam/olat-{i}", "olat", (30.0 + i, None), (None, "failed")) for i in range(3)
     )
-    times = Times(1.0, 0.1, {"olat": Spread(2.0, 1.0, 3.0, 3, (1.0, 2.0, 3.0))})
+    times = CellTimes(1.0, 0.1, {"olat": Spread(2.0, 1.0, 3.0, 3, (1.0, 2.0, 3.0))})
     about = {"prior": "p", "curve": (CurvePoint(1, {"loss": 0.5, "l1": None}),)}
     return CellRecord("key", MethodRecord("m", "M"), "s01", 0, ("psnr|v1", "ssim|v1"), frames, times, **about)
 
@@ -169,12 +169,12 @@ def everything(folder: Path, beside: Path) -> None:
         text.encode()
     for plot in plots(made):
         draw(plot), told(plot)
-    render_page(made, run, Shown())
+    render_page(made, run, PageContent())
     curves(run), chosen(run), render_terminal(made)
     gate(run, read_run(beside), Quality(), 0.25)
     for values in values_of(run).values():
         assert np.isfinite(values.values[~np.isnan(values.values)]).all()
-    with Results([run]) as results:
+    with ResultsDatabase([run]) as results:
         for view in ("runs", "methods", "cells", "times", "scores"):
             results.query(f"SELECT * FROM {view}")
 
@@ -227,7 +227,7 @@ def test_a_flipped_bit_of_a_picture_or_of_weights_is_named(tmp_path: Path) -> No
 def test_patterns_in_the_name_of_a_folder_match_no_sibling(tmp_path: Path, name: str) -> None:
     write_run(tmp_path / "run1", lambda *_: 10.0, subjects=2)
     folder = write_run(tmp_path / name / "run", lambda *_: 20.0, subjects=2)
-    with Results([read_run(folder)]) as results:
+    with ResultsDatabase([read_run(folder)]) as results:
         assert results.query("SELECT DISTINCT value FROM scores").rows == [(20.0,)]
     assert {row.cells[0].value for row in table(folder).rows} == {20.0}
 

@@ -14,7 +14,7 @@ import pytest
 
 from handbench.cli import main
 from handbench.errors import Damaged, InputError
-from handbench.results.query import Answer, Results
+from handbench.results.query import ResultsDatabase, ResultSet
 from handbench.results.reading import Run, mismatch, read_run
 from handbench.results.record import CaptureRecord
 from handbench.results.values import NOT_COMPUTED, values_of
@@ -35,8 +35,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_run(tmp_path_factory.mktemp("a") / "run", value, subjects=3, frames=4, seeds=(0, 1))
 
 
-def _ask(sql: str, *folders: Path) -> Answer:
-    with Results([read_run(each) for each in folders]) as results:
+def _ask(sql: str, *folders: Path) -> ResultSet:
+    with ResultsDatabase([read_run(each) for each in folders]) as results:
         return results.query(sql)
 
 
@@ -81,7 +81,7 @@ def test_only_cells_of_the_plan_count_and_missing_ones_are_told(tmp_path: Path) 
     (folder / "cells" / "stale.json").write_text(stale.read_text())
     stale.rename(folder / "cells" / "moved.json")
     run = read_run(folder)
-    with Results([run]) as results:
+    with ResultsDatabase([run]) as results:
         assert results.query("SELECT count(*) FROM cells").rows == [(5,)]
         found = values_of(run)["fair", "light"]
     assert np.isfinite(found.values[0]).tolist() == [[True] * 3 + [False] * 3]
@@ -234,9 +234,9 @@ def test_reading_results_loads_no_pandas(folder: Path, tmp_path: Path) -> None:
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
         "from pathlib import Path\n"
         "from handbench.results.reading import read_run\n"
-        "from handbench.results.query import Results\n"
+        "from handbench.results.query import ResultsDatabase\n"
         f"run = read_run(Path({str(folder)!r}))\n"
-        "with Results([run]) as results:\n"
+        "with ResultsDatabase([run]) as results:\n"
         "    assert results.query('SELECT * FROM scores').rows\n"
         "assert 'pandas' not in sys.modules\n"
     )

@@ -15,7 +15,7 @@ import pytest
 from handbench.bench.run import run
 from handbench.bench.store import Store
 from handbench.errors import InputError, StorageError
-from handbench.results.record import SCHEMA, CellRecord, MethodRecord, ScoredFrame, Times
+from handbench.results.record import SCHEMA, CellRecord, CellTimes, MethodRecord, ScoredFrame
 from handbench.scene import Prediction
 
 
@@ -25,7 +25,7 @@ def leftovers(folder: Path) -> list[Path]:
 
 def cell(key: str = "good", value: float | None = 30.0) -> CellRecord:
     frame = ScoredFrame("column", "s01/pose/cam/olat-00", "olat", (value,), () if value is not None else ("failed",))
-    return CellRecord(key, MethodRecord("m", "M"), "s01", 0, ("psnr|v1",), (frame,), Times())
+    return CellRecord(key, MethodRecord("m", "M"), "s01", 0, ("psnr|v1",), (frame,), CellTimes())
 
 
 def test_damaged_and_foreign_cells_are_absent(tmp_path):

@@ -11,13 +11,13 @@ import pytest
 from rich.console import Console
 
 from handbench.metrics import Family, Pair, Score
-from handbench.metrics.compat.compare import Line, lines, notes, render_csv, render_markdown, render_terminal
+from handbench.metrics.compat.compare import MetricScores, lines, notes, render_csv, render_markdown, render_terminal
 
 
-def line(name: str, title: str, *values: float | None, unit: str = "", higher: bool = True) -> Line:
+def line(name: str, title: str, *values: float | None, unit: str = "", higher: bool = True) -> MetricScores:
     about = {"name": name, "title": title, "unit": unit, "decimals": 2, "higher_is_better": higher}
     found = [Score(v) if v is not None else Score(None, f"{name} failed") for v in values]
-    return Line(SimpleNamespace(**about, signature=f"{name}|v1"), dict(zip("abc", found, strict=False)))
+    return MetricScores(SimpleNamespace(**about, signature=f"{name}|v1"), dict(zip("abc", found, strict=False)))
 
 
 LINES = [
@@ -28,7 +28,7 @@ LINES = [
 ]
 
 
-def shown(lines: list[Line]) -> str:
+def shown(lines: list[MetricScores]) -> str:
     console = Console(width=60, file=io.StringIO())
     console.print(render_terminal(lines))
     return "\n".join(text.rstrip() for text in console.file.getvalue().splitlines())

@@ -16,13 +16,14 @@ from handbench.bench.store import Store
 from handbench.data.exr import rgb, write_exr
 from handbench.reports.build import build
 from handbench.reports.figures import panels
-from handbench.reports.page import Shown, render_page
+from handbench.reports.page import PageContent, render_page
 from handbench.reports.pareto import plots
 from handbench.reports.run import Run, read_run
 from handbench.reports.viewer import viewer
 from handbench.results.record import (
     CaptureRecord,
     CellRecord,
+    CellTimes,
     ColumnRecord,
     Git,
     MethodRecord,
@@ -32,7 +33,6 @@ from handbench.results.record import (
     RunRecord,
     ScoredFrame,
     Spread,
-    Times,
 )
 
 SIZE = 72
@@ -290,7 +290,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Run:
                     for query in mine
                 ]
                 spread = Spread(10.0 + number, 9.0, 30.0, 4)
-                times = Times(60.0 * number, 2.0, {"group": spread}, {"group": spread})
+                times = CellTimes(60.0 * number, 2.0, {"group": spread}, {"group": spread})
                 key = f"{name}-{subject}-{seed}"
                 signatures = tuple(metric.signature for metric in metrics)
                 cells.append(CellRecord(key, method, f"s{subject:02d}", seed, signatures, tuple(scores), times))
@@ -315,6 +315,6 @@ def page_of() -> Callable[[Path | Run], str]:
     def page_of(given: Path | Run) -> str:
         run = given if isinstance(given, Run) else read_run(given)
         rows = build(run)
-        return render_page(rows, run, Shown(tuple(panels(run)), (), plots(rows), viewer(run, rows)))
+        return render_page(rows, run, PageContent(tuple(panels(run)), (), plots(rows), viewer(run, rows)))
 
     return page_of

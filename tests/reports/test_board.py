@@ -13,7 +13,7 @@ import pytest
 
 from handbench.cli import main
 from handbench.errors import InputError
-from handbench.reports.board import Entry, Section, write_board
+from handbench.reports.board import BoardRun, Section, write_board
 from handbench.reports.build import build
 from handbench.results.reading import read_run
 
@@ -49,7 +49,7 @@ def test_a_board_is_static_files_whose_links_lead_somewhere(tmp_path: Path, caps
 
 def test_a_history_goes_from_the_earliest_run_to_the_latest_with_better_up(tmp_path: Path) -> None:
     folders = [_run(tmp_path / name, gain, day) for name, gain, day in (("a", 0.0, 1), ("b", 2.0, 2), ("c", 1.0, 3))]
-    entries = [Entry(folder.name, run := read_run(folder), build(run)) for folder in folders]
+    entries = [BoardRun(folder.name, run := read_run(folder), build(run)) for folder in folders]
     history = next(Section(tuple(entries)).histories)
     line = next(line for line in history.lines if line.title == "Good")
     across, up = [x for x, _, _ in line.points], [y for _, y, _ in line.points]

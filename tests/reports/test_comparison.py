@@ -12,7 +12,7 @@ from rich.console import Console
 
 from handbench.cli import main
 from handbench.errors import InputError
-from handbench.reports.comparison import Comparison, Line, compare, render_comparison
+from handbench.reports.comparison import Comparison, ComparisonLine, compare, render_comparison
 
 sys.path.append(str(Path(__file__).parents[1] / "bench" / "fakes"))
 from runfakes import plain, write_run
@@ -32,7 +32,7 @@ def runs(tmp_path: Path) -> list[Path]:
     return [first, second, third]
 
 
-def _line(found: Comparison, method: str, metric: str) -> Line:
+def _line(found: Comparison, method: str, metric: str) -> ComparisonLine:
     return next(line for line in found.lines if (line.method, line.metric.name) == (method, metric))
 
 

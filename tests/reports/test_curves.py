@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from handbench.reports import write_reports
-from handbench.reports.curves import INK, Curve, Losses, curves, loss_figures
+from handbench.reports.curves import INK, LossCurve, LossPlot, curves, loss_figures
 from handbench.reports.run import read_run
 
 TOLD = [
@@ -43,7 +43,7 @@ def test_a_prior_is_told_once_for_all_subjects_and_a_gap_is_left_out(run_folder:
         "l1": [(20, 0.4), (60, 0.2)],
         "adversarial": [(20, 0.1), (40, -0.1), (60, 0.2)],
     }
-    assert curve == Curve(0, "", told)
+    assert curve == LossCurve(0, "", told)
 
 
 def test_every_seed_and_every_personalisation_has_its_own(run_folder: Path) -> None:
@@ -69,9 +69,9 @@ def test_every_seed_and_every_personalisation_has_its_own(run_folder: Path) -> N
 
 def test_losses_that_change_sign_get_a_linear_axis_beside_the_logarithmic_one() -> None:
     points = [(step, 1.0 / step) for step in range(1, 50)]
-    positive = Curve(0, "", {"loss": points})
-    signed = Curve(0, "", {"loss": points, "adversarial": [(step, 0.5 - step) for step, _ in points]})
-    one, two = (Losses("urhand", "URHand $x_", (curve,)) for curve in (positive, signed))
+    positive = LossCurve(0, "", {"loss": points})
+    signed = LossCurve(0, "", {"loss": points, "adversarial": [(step, 0.5 - step) for step, _ in points]})
+    one, two = (LossPlot("urhand", "URHand $x_", (curve,)) for curve in (positive, signed))
     small, large = (Image.open(io.BytesIO(each.png)) for each in (one, two))
     assert large.width == 2 * small.width and large.height == small.height
     assert two.size == (2 * one.size[0], one.size[1])
@@ -80,11 +80,11 @@ def test_losses_that_change_sign_get_a_linear_axis_beside_the_logarithmic_one() 
 
 def test_on_a_page_curves_have_the_ink_of_the_scheme_and_no_ground() -> None:
     points = [(step, 1.0 / step) for step in range(1, 50)]
-    svg = Losses("urhand", "URHand", (Curve(0, "", {"loss": points}),)).svg.decode()
+    svg = LossPlot("urhand", "URHand", (LossCurve(0, "", {"loss": points}),)).svg.decode()
     assert svg.startswith("<svg") and "prefers-color-scheme: dark" in svg
     assert svg.count(INK) == 1 and "fill: currentColor" in svg, "ink is named once, in the light scheme"
     assert not {"#ffffff", "#000000", "white", "black"} & set(re.findall(r"(?:fill|stroke): ([#\w]+)", svg))
-    assert svg == Losses("urhand", "URHand", (Curve(0, "", {"loss": points}),)).svg.decode()
+    assert svg == LossPlot("urhand", "URHand", (LossCurve(0, "", {"loss": points}),)).svg.decode()
 
 
 def test_the_page_shows_them_and_the_run_keeps_the_pictures(small_run: Path) -> None:

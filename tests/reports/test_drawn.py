@@ -14,13 +14,13 @@ from handbench.reports.drawn import Figures, chosen, write_figures
 from handbench.reports.figures import detail, panels
 from handbench.reports.pictures import Sheet, _Grid, grid
 from handbench.reports.run import read_run
-from handbench.reports.selection import Selection
+from handbench.reports.selection import ReportFilter
 
 FRAME = "s02/open/dorsal/group-03"
 
 
 def test_a_frame_is_drawn_by_its_name_as_wide_as_it_is_asked_for(whole_run, tmp_path):
-    paths = list(write_figures(whole_run, Selection(methods=("urhand",)), Figures((FRAME,), 3.3, 100), tmp_path))
+    paths = list(write_figures(whole_run, ReportFilter(methods=("urhand",)), Figures((FRAME,), 3.3, 100), tmp_path))
     assert [path.name for path in paths] == ["frames.png", "frames.pdf"]
     with Image.open(paths[0]) as picture:
         assert abs(picture.width - 330) <= 1
@@ -73,7 +73,7 @@ def test_a_run_without_the_truth_is_told(run_folder: Path, tmp_path):
         if '"oracle"' in path.read_text():
             path.unlink()
     with pytest.raises(InputError, match="keeps no truth of these frames; run it with the method oracle"):
-        list(write_figures(run_folder, Selection(), Figures((FRAME,)), tmp_path / "out"))
+        list(write_figures(run_folder, ReportFilter(), Figures((FRAME,)), tmp_path / "out"))
 
 
 def _metric(run: Path):

@@ -12,7 +12,7 @@ from rich.console import Console
 from handbench.reports import render_terminal
 from handbench.reports.build import build
 from handbench.reports.latex import render_latex
-from handbench.reports.page import Shown, render_page
+from handbench.reports.page import PageContent, render_page
 from handbench.reports.pareto import draw, enrolments, plots, told
 from handbench.reports.pareto_figures import pareto_figures
 from handbench.reports.text import render_csv, render_markdown
@@ -81,5 +81,5 @@ def test_a_figure_of_the_front_says_what_the_mark_means(enrolled):
 
 def test_the_page_says_what_enrolment_gave_the_points(enrolled, whole_run):
     table = enrolled(urhand="one picture")
-    page = render_page(table, read_run(whole_run), Shown((), (), plots(table)))
+    page = render_page(table, read_run(whole_run), PageContent((), (), plots(table)))
     assert "URHand ≠ (one picture)" in page and "Enrolment gave: " in page

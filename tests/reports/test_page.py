@@ -26,7 +26,7 @@ from handbench.reports.figures import Panel, Tile, chosen, detail, panels
 from handbench.reports.pictures import grid
 from handbench.reports.printed import moment
 from handbench.reports.run import machine, read_run
-from handbench.results.record import Device
+from handbench.results.record import Hardware
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 
@@ -283,6 +283,6 @@ def _method(cell: Path) -> str:
 
 
 def test_the_origin_says_when_and_on_what_in_plain_words() -> None:
-    assert machine(Device("CPU", 1, 1, 8.0)) == "CPU, 1 core, 1 thread, 8 GB"
-    assert machine(Device("CPU", 4, 2, 8.0, ("GPU",))) == "CPU, 4 cores, 2 threads, 8 GB, GPU"
+    assert machine(Hardware("CPU", 1, 1, 8.0)) == "CPU, 1 core, 1 thread, 8 GB"
+    assert machine(Hardware("CPU", 4, 2, 8.0, ("GPU",))) == "CPU, 4 cores, 2 threads, 8 GB, GPU"
     assert moment("2026-03-01T14:05:00+00:00") == "2026-03-01, 14:05 UTC"

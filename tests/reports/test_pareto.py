@@ -16,15 +16,16 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
 from handbench.reports import table, write_reports
-from handbench.reports.cost import Span, Times
-from handbench.reports.model import Aggregate, Column, Group, Metric, Row, Table
+from handbench.reports.cost import MethodTimes, Span
+from handbench.reports.model import Aggregate, ColumnGroup, MetricColumn, Row, Table
 from handbench.reports.pareto import FRAME, TIMES, WIDTH, Plot, clock, draw, plots, seconds, told
 from handbench.reports.pareto_figures import pareto_figures
 from handbench.reports.places import SIZE, width
+from handbench.results.record import MetricRecord
 
-UP = Metric("psnr", "PSNR", "psnr|v1", True, "", "dB", 2)
-DOWN = Metric("lpips", "LPIPS", "lpips|v1", False, "", "", 3)
-GROUP = Group("unseen", "Unseen")
+UP = MetricRecord("psnr", "PSNR", "psnr|v1", True, "dB", "", 2)
+DOWN = MetricRecord("lpips", "LPIPS", "lpips|v1", False, "", "", 3)
+GROUP = ColumnGroup("unseen", "Unseen")
 TITLES = (
     "URHand",
     "Physical BRDF",
@@ -40,11 +41,13 @@ TITLES = (
 def _row(title: str, milliseconds: float | None, value: float | None, kind: str = "method", covered: int = 4) -> Row:
     known = {} if milliseconds is None else {"olat": Span(milliseconds, milliseconds, milliseconds)}
     cell = Aggregate(value, None, None, covered, 4)
-    return Row(title, title, kind, "", (cell,), Times(Span(60.0, 50.0, 70.0), Span(2.5, 1.0, 3.0), {}, known))
+    return Row(title, title, kind, "", (cell,), MethodTimes(Span(60.0, 50.0, 70.0), Span(2.5, 1.0, 3.0), {}, known))
 
 
-def _plot(rows: list[Row], metric: Metric = UP) -> Plot:
-    (plot,) = [plot for plot in plots(Table("t", (Column(GROUP, metric),), tuple(rows), ())) if plot.time == "known"]
+def _plot(rows: list[Row], metric: MetricRecord = UP) -> Plot:
+    (plot,) = [
+        plot for plot in plots(Table("t", (MetricColumn(GROUP, metric),), tuple(rows), ())) if plot.time == "known"
+    ]
     return plot
 
 
@@ -52,7 +55,7 @@ def _plot(rows: list[Row], metric: Metric = UP) -> Plot:
     st.lists(st.tuples(st.floats(0.1, 1e4), st.floats(10, 40)), min_size=1, max_size=12, unique=True),
     st.sampled_from((UP, DOWN)),
 )
-def test_the_front_is_what_no_other_method_beats(found: list[tuple[float, float]], metric: Metric) -> None:
+def test_the_front_is_what_no_other_method_beats(found: list[tuple[float, float]], metric: MetricRecord) -> None:
     plot = _plot([_row(f"m{i}", ms, value) for i, (ms, value) in enumerate(found)], metric)
     better = 1 if metric.higher_is_better else -1
 
@@ -97,8 +100,8 @@ def test_what_is_not_drawn_is_named() -> None:
 
 
 def test_a_table_without_times_has_no_plots() -> None:
-    row = replace(_row("One", None, 30.0), times=Times(None, None, {}, {}))
-    assert plots(Table("t", (Column(GROUP, UP),), (row,), ())) == ()
+    row = replace(_row("One", None, 30.0), times=MethodTimes(None, None, {}, {}))
+    assert plots(Table("t", (MetricColumn(GROUP, UP),), (row,), ())) == ()
 
 
 def test_training_is_one_training_and_one_personalisation() -> None:
@@ -115,7 +118,7 @@ def test_every_column_metric_and_time_of_a_run_is_drawn(whole_run: Path) -> None
 
 
 @pytest.mark.parametrize("metric", (UP, DOWN))
-def test_faster_is_left_and_better_is_up(metric: Metric) -> None:
+def test_faster_is_left_and_better_is_up(metric: MetricRecord) -> None:
     plot = _plot([_row("fast", 3.0, 21.0), _row("slow", 700.0, 30.0)], metric)
     drawing = draw(plot)
     (_, fast_x, fast_y, _), (_, slow_x, slow_y, _) = drawing.marks

@@ -6,19 +6,20 @@ from dataclasses import replace
 
 import pytest
 
-from handbench.reports.cost import Times
+from handbench.reports.cost import MethodTimes
 from handbench.reports.latex import render_latex
-from handbench.reports.model import Aggregate, Column, Group, Metric, Row, Table
+from handbench.reports.model import Aggregate, ColumnGroup, MetricColumn, Row, Table
 from handbench.reports.safe import csv_cell, latex_header
 from handbench.reports.text import render_csv, render_markdown
+from handbench.results.record import MetricRecord
 
-METRIC = Metric("psnr", "PSNR", "psnr|v1", True, "PSNR$\\uparrow$", "dB", 2)
+METRIC = MetricRecord("psnr", "PSNR", "psnr|v1", True, "dB", "PSNR$\\uparrow$", 2)
 HOSTILE = '=HYPERLINK("x")\n\n\\input{/etc/passwd} [here](http://example.org) `code` \x1b[2J'
 
 
 def table(title: str, latex: str = METRIC.latex) -> Table:
-    column = Column(Group("light", title), replace(METRIC, title=title, latex=latex))
-    row = Row("m", title, "method", "for tests", (Aggregate(30.0, None, None, 1, 1),), Times(None, None, {}, {}))
+    column = MetricColumn(ColumnGroup("light", title), replace(METRIC, title=title, latex=latex))
+    row = Row("m", title, "method", "for tests", (Aggregate(30.0, None, None, 1, 1),), MethodTimes(None, None, {}, {}))
     return Table(title, (column,), (row,), (title,), (title,))
 
 

@@ -13,7 +13,7 @@ from handbench.errors import InputError
 from handbench.reports import as_json, render_csv, render_markdown, table
 from handbench.reports.comparison import compare
 from handbench.reports.run import read_run
-from handbench.reports.selection import Selection
+from handbench.reports.selection import ReportFilter
 from handbench.reports.style import Style
 
 sys.path.append(str(Path(__file__).parents[1] / "bench" / "fakes"))
@@ -21,7 +21,7 @@ from runfakes import write_run
 
 
 def shown(run: Path, **names: tuple[str, ...]):
-    return table(run, selection=Selection(**names))
+    return table(run, selection=ReportFilter(**names))
 
 
 def test_rows_columns_and_metrics_are_those_asked_for_in_that_order(whole_run):
@@ -44,22 +44,22 @@ def test_parts_of_a_run_complete_each_other_in_a_selection(tmp_path):
     second = Path(shutil.copytree(first, tmp_path / "second"))
     for place, path in enumerate(sorted((first / "cells").iterdir())):
         (path if place % 2 else second / "cells" / path.name).unlink()
-    (row,) = table(first, second, selection=Selection(methods=("good",))).rows
+    (row,) = table(first, second, selection=ReportFilter(methods=("good",))).rows
     assert row.name == "good" and all(cell.complete for cell in row.cells)
 
 
 def test_of_several_runs_each_gives_what_it_has_and_what_it_lacks_is_told(tmp_path):
     first = write_run(tmp_path / "first", methods=("oracle", "good"), subjects=2, frames=2)
     second = write_run(tmp_path / "second", methods=("oracle", "fair"), subjects=2, frames=2)
-    found = table(first, second, selection=Selection(methods=("fair", "good")))
+    found = table(first, second, selection=ReportFilter(methods=("fair", "good")))
     assert [row.name for row in found.rows] == ["good", "fair"]
     assert found.remarks[-2:] == (f"Not in {first}: fair.", f"Not in {second}: good.")
-    alone = table(first, second, selection=Selection(methods=("g*",)))
+    alone = table(first, second, selection=ReportFilter(methods=("g*",)))
     assert [row.name for row in alone.rows] == ["good"], "a run that has none of them is left out"
     with pytest.raises(InputError, match="unknown method of these runs 'best'"):
-        table(first, second, selection=Selection(methods=("best", "good")))
+        table(first, second, selection=ReportFilter(methods=("best", "good")))
     with pytest.raises(InputError, match=f"cannot be compared: Not in {second}: good"):
-        compare(first, second, selection=Selection(methods=("good",)))
+        compare(first, second, selection=ReportFilter(methods=("good",)))
 
 
 def test_one_subject_is_its_own_mean(whole_run):

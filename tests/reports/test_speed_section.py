@@ -20,7 +20,7 @@ from handbench.reports.speed import (
     speed_section,
     write_speed_report,
 )
-from handbench.results.record import Device, Provenance
+from handbench.results.record import Hardware, Provenance
 from handbench.results.recordfile import sealed
 from handbench.studies.record import SCHEMA
 from handbench.studies.speed.equal_error import TimeAt, table
@@ -75,7 +75,7 @@ def found() -> SpeedRecord:
         MethodStudy("physical", "Physical", of_method),
         MethodStudy("oracle", "Oracle", reason="a calibration row"),
     )
-    device = Device(cpu="Test CPU", cores=2, threads=2, memory_gb=8.0)
+    device = Hardware(cpu="Test CPU", cores=2, threads=2, memory_gb=8.0)
     about = Provenance("0", None, "handbench speed", device=device)
     return SpeedRecord(True, about, (scene,), GOALS, (scaling,), methods, implicit())
 

@@ -9,7 +9,7 @@ import pytest
 from handbench.errors import InputError
 from handbench.reports import write_reports
 from handbench.reports.stress import stress_section
-from handbench.results.record import Device, Provenance
+from handbench.results.record import Hardware, Provenance
 from handbench.results.schema import plain
 from handbench.studies.stress.case import Result
 from handbench.studies.stress.record import StressRecord, read_record, write_record
@@ -19,7 +19,7 @@ RESULTS = (
     Result("brdf", "d = -ω", "finite", "", "finite", None, 0.2, True),
     Result("hand", "pose <script>", "finite", "", "crashes: the process ended with SIGSEGV", None, 4000.0, False),
 )
-ABOUT = Provenance("0", None, "handbench stress", device=Device("Example CPU 9000", 2, 2))
+ABOUT = Provenance("0", None, "handbench stress", device=Hardware("Example CPU 9000", 2, 2))
 
 
 OLD = {"schema": 1, **plain(StressRecord.of(RESULTS, 12.3, ABOUT))}

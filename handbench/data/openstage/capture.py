@@ -17,7 +17,7 @@ from ..capture import Capture
 from .inventory import olat_name, recorded
 from .manifest import FILE, Manifest, read_manifest
 from .reading import Files
-from .thumbnails import Difference, difference
+from .thumbnails import PictureDifference, difference
 
 
 class OpenCapture(Capture):
@@ -73,7 +73,7 @@ class OpenCapture(Capture):
         if "difference" not in self._manifest:
             return ()
         told = self._manifest["difference"]  # None as well where the package had no pictures when it was made
-        off = Difference(**told) if told else difference(self._manifest, self.folder)
+        off = PictureDifference(**told) if told else difference(self._manifest, self.folder)
         if off is None:
             return ("the package has no pictures of this size to compare its own with",)
         return (f"{off.views} of its pictures differ by at most {off.largest:.3%} from those of the package",)

@@ -33,7 +33,7 @@ _DARK = 1e-3  # mean of a picture that counts as one
 
 
 @dataclass(frozen=True)
-class Difference:
+class PictureDifference:
     """views: how many were compared; largest: the greatest difference, relative to the mean of a picture."""
 
     views: int
@@ -55,7 +55,7 @@ def thumbnail(path: Path) -> Array:
     return blocks.mean(axis=(1, 3)).astype(np.float32)
 
 
-def difference(manifest: Manifest, folder: Path, kept: Mapping[str, Array] | None = None) -> Difference | None:
+def difference(manifest: Manifest, folder: Path, kept: Mapping[str, Array] | None = None) -> PictureDifference | None:
     """How far the capture in `folder` is from the package's making, or None if the package has no pictures of it.
 
     Raises `InputError` if it is above `BOUND`.
@@ -74,7 +74,7 @@ def difference(manifest: Manifest, folder: Path, kept: Mapping[str, Array] | Non
                 f"{BOUND:.0%}; install the versions of constraints.txt, delete the folder and make the capture again"
             )
         largest = max(largest, off)
-    return Difference(len(chosen(manifest)), largest)
+    return PictureDifference(len(chosen(manifest)), largest)
 
 
 def _kept(recipe: str) -> dict[str, Any]:

@@ -15,8 +15,17 @@ template.py   what a protocol asks, for software that is not handbench
 """
 
 from .folder import Asked, PredictionFolder, read_folder
-from .manifest import Manifest, Times
+from .manifest import DeclaredTimes, Manifest
 from .problems import Problems, Unfit
 from .template import write_template
 
-__all__ = ["Asked", "Manifest", "PredictionFolder", "Problems", "Times", "Unfit", "read_folder", "write_template"]
+__all__ = [
+    "Asked",
+    "DeclaredTimes",
+    "Manifest",
+    "PredictionFolder",
+    "Problems",
+    "Unfit",
+    "read_folder",
+    "write_template",
+]

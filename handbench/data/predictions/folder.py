@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...scene import Query
-from .manifest import COLOUR, MANIFEST, SUFFIXES, TIMES, Manifest, Times, read_manifest, read_times
+from .manifest import COLOUR, MANIFEST, SUFFIXES, TIMES, DeclaredTimes, Manifest, read_manifest, read_times
 from .picture import Misfit, read_picture, what_is_not_finite
 from .problems import Problems, Unfit
 
@@ -37,7 +37,7 @@ class PredictionFolder:
 
     path: Path
     manifest: Manifest
-    times: Times | None
+    times: DeclaredTimes | None
     digest: str
 
 

@@ -58,7 +58,7 @@ class Manifest:
 
 
 @dataclass(frozen=True)
-class Times:
+class DeclaredTimes:
     """What the authors say: on which device, what was timed, and the median over `count` queries in milliseconds."""
 
     device: str
@@ -111,7 +111,7 @@ def read_manifest(folder: Path, wanted: Manifest, problems: Problems) -> Manifes
     return Manifest(**{field.name: content[field.name] for field in fields(Manifest) if field.name in content})
 
 
-def read_times(folder: Path, queries: Collection[str], problems: Problems) -> Times | None:
+def read_times(folder: Path, queries: Collection[str], problems: Problems) -> DeclaredTimes | None:
     """What times.json says, or None where there is none; all that is wrong with it goes to `problems`."""
 
     def wrong(text: str) -> None:
@@ -137,7 +137,7 @@ def read_times(folder: Path, queries: Collection[str], problems: Problems) -> Ti
             wrong(f"{query} took {_shown(value)}; give milliseconds above 0")
     if problems.counts().get("times"):
         return None
-    return Times(content["device"], content["what"], float(median(told.values())), len(told))
+    return DeclaredTimes(content["device"], content["what"], float(median(told.values())), len(told))
 
 
 def _same(key: str, content: Mapping[str, Any], wanted: str, wrong: Callable[[str], None]) -> None:

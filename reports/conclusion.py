@@ -1,21 +1,22 @@
-"""A table's answer in a few sentences: who is best, by how much, for whom that holds, and at what cost."""
+"""What a table says in a few sentences: who is best, by how much, for whom that holds, and at what cost."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from handbench.results.record import MetricRecord
 from handbench.results.statistics import CONFIDENCE, least_p
 
 from .cost import Span
-from .model import LIGHT_TITLES, Column, Metric, Row, Table, counted
+from .model import LIGHT_TITLES, MetricColumn, Row, Table, counted
 from .printed import duration, listed, number
 
 _COLUMNS_TOLD = 4  # of a shared lead, by name
 
 
 @dataclass(frozen=True)
-class Answer:
+class Conclusion:
     """`best`: who wins by the first metric, and by how much. `claim`: for whom that holds. `cost`: what it takes.
     `warnings`: what a reader must know before any of it. Each a sentence or more, "" where there is nothing to say."""
 
@@ -29,23 +30,23 @@ class Answer:
         return tuple(filter(None, (self.best, self.claim, self.cost, *self.warnings)))
 
 
-def answer(table: Table) -> Answer:
+def conclusion(table: Table) -> Conclusion:
     """What the rows say, by the first metric of the protocol; the others are counted beside it."""
     methods = [row for row in table.rows if row.kind == "method"]
     warnings = tuple(_warnings(table, methods))
     if not methods:
-        return Answer(
+        return Conclusion(
             "No method was run beside the calibration rows, so there is nothing to compare.", "", "", warnings
         )
     first = _first(table)
     leaders = _leaders(table)
     metric = table.metrics[0].title
     if not leaders:
-        return Answer(
+        return Conclusion(
             f"No method can be called best by {metric}: none is above the floor on every frame.", "", "", warnings
         )
     if len(methods) == 1:
-        return Answer(
+        return Conclusion(
             f"{methods[0].title} stands alone: there is no method to compare it with.", _scope(table), "", warnings
         )
     found = _wins(table, leaders[0])
@@ -53,10 +54,10 @@ def answer(table: Table) -> Answer:
     if len(leaders) > 1:
         names = listed([row.title for row in leaders])
         shared = f"{names} share the lead: each is best, alone or with others, in {where}."
-        return Answer(f"{shared}{_highest(table, methods)}", _scope(table), _costs(table, leaders), warnings)
+        return Conclusion(f"{shared}{_highest(table, methods)}", _scope(table), _costs(table, leaders), warnings)
     (leader,) = leaders
     best = f"{leader.title} is best in {where}{_ahead(table, methods, leader, found)}"
-    return Answer(
+    return Conclusion(
         f"{best}.{_others(table, leader)}",
         _claim(table, methods, leader, found),
         _cost(table, methods, leader, found[0]),
@@ -65,8 +66,8 @@ def answer(table: Table) -> Answer:
 
 
 def leader(table: Table) -> Row | None:
-    """The method that the answer is about, which pages show first: of several that are best equally often by the first
-    metric the one that is best more often by all, then the first. None where no method is best anywhere."""
+    """The method that the conclusion is about, which pages show first: of several that are best equally often by the
+    first metric the one that is best more often by all, then the first. None where no method is best anywhere."""
     leaders = _leaders(table)
     return max(leaders, key=lambda row: sum(cell.rank == 1 for cell in row.cells), default=None)
 
@@ -97,7 +98,7 @@ def _of(count: int, all_of: int) -> str:
     )
 
 
-def _next(methods: Sequence[Row], leader: Row | None, index: int, column: Column) -> Row | None:
+def _next(methods: Sequence[Row], leader: Row | None, index: int, column: MetricColumn) -> Row | None:
     """The best of the other methods in a column."""
     sign = 1.0 if column.metric.higher_is_better else -1.0
     others = [row for row in methods if row is not leader and row.cells[index].complete]
@@ -116,7 +117,7 @@ def _ahead(table: Table, methods: Sequence[Row], leader: Row, found: Sequence[in
     return told + (f"; in {shared} of them another method cannot be told from it" if shared else "")
 
 
-def _range_of(gaps: Sequence[float], metric: Metric) -> str:
+def _range_of(gaps: Sequence[float], metric: MetricRecord) -> str:
     """How far ahead: a method that shares its mark may have the lower value of the two."""
     low, high = (f"{number(abs(bound), metric.decimals)} {metric.unit}".rstrip() for bound in (min(gaps), max(gaps)))
     if min(gaps) >= 0:

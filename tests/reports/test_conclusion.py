@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from handbench.reports import render_csv, render_markdown, table, write_reports
+from handbench.reports.conclusion import conclusion, leader
 from handbench.reports.cost import Footprint, Span
 from handbench.reports.model import Row, Table
-from handbench.reports.verdict import answer, leader
 from handbench.results.reading import read_run, titled_apart
 from handbench.studies.auditrecord import Found, audit_told, keep_audit
 
@@ -37,7 +37,7 @@ def _rows(result: Table) -> dict[str, tuple[int, bool]]:
 def test_a_lead_is_claimed_where_the_test_allows_it_and_only_there(tmp_path: Path) -> None:
     many = table(write_run(tmp_path / "many", _apart(0.5), subjects=6))
     assert _rows(many) == {"oracle": (0, False), "good": (1, True), "fair": (2, False)}, "nothing is told from the last"
-    assert answer(many).sentences == (
+    assert conclusion(many).sentences == (
         "Good is best in both columns by PSNR, by 0.50 dB over the next. By the other metrics it is best in 2 of "
         "2 values.",
         "Measured on 6 subjects and 48 frames a column, one seed: it tells of these weights. The lead holds for other "
@@ -45,14 +45,14 @@ def test_a_lead_is_claimed_where_the_test_allows_it_and_only_there(tmp_path: Pat
         "It takes 4.20 ms for a new pose under a single light, as long as Fair and 10.0 s of training.",
     )
     held = replace(many.rows[1], footprint=Footprint(memory_mb=Span(2048.0, 2000.0, 2100.0)))
-    with_memory = answer(replace(many, rows=(many.rows[0], held, *many.rows[2:])))
+    with_memory = conclusion(replace(many, rows=(many.rows[0], held, *many.rows[2:])))
     assert with_memory.cost.endswith("10.0 s of training and 2.0 GiB of memory while drawing.")
     few = table(write_run(tmp_path / "few", _apart(0.5), subjects=5))
     assert _rows(few)["good"] == (1, False), "p of five subjects cannot fall below 0.0625"
-    assert "cannot be claimed for others" in answer(few).claim
-    assert "with 5 subjects p cannot fall below 0.062" in answer(few).claim
+    assert "cannot be claimed for others" in conclusion(few).claim
+    assert "with 5 subjects p cannot fall below 0.062" in conclusion(few).claim
     alone = table(write_run(tmp_path / "alone", _apart(0.5), subjects=1))
-    assert "with 1 subject p cannot fall below 1)" in answer(alone).claim
+    assert "with 1 subject p cannot fall below 1)" in conclusion(alone).claim
     assert "°" in render_markdown(few) and "°" not in render_markdown(many).replace("°: ", "").partition("## ")[0]
     assert few.unclaimed and ",1,False," in render_csv(few) and ",1,True," in render_csv(many)
 
@@ -69,29 +69,31 @@ def test_a_method_that_shares_its_mark_is_not_told_as_ahead(tmp_path: Path) -> N
 
     ahead = good.cells[place].value + 0.25  # type: ignore[operator]
     rows = (result.rows[0], with_cell(good, claimed=False), with_cell(fair, rank=1, value=ahead))
-    found = answer(replace(result, rows=rows))
+    found = conclusion(replace(result, rows=rows))
     assert found.best.startswith(
         "Good is best in both columns by PSNR, from 0.25 dB behind to 0.50 dB ahead of the best of the others; in 1 of "
         "them another method cannot be told from it."
     )
     assert "The lead over those that come after holds for other hands too in 1 of these 2" in found.claim
     equal = replace(fair, cells=tuple(replace(cell, rank=1) for cell in fair.cells))
-    told = answer(replace(result, rows=(result.rows[0], good, replace(equal, cells=(fair.cells[0], *equal.cells[1:])))))
+    told = conclusion(
+        replace(result, rows=(result.rows[0], good, replace(equal, cells=(fair.cells[0], *equal.cells[1:]))))
+    )
     assert told.best.endswith("By the other metrics it is best in 2 of 2 values, 2 of them with others.")
     behind = replace(result, rows=(result.rows[0], good, with_cell(fair, rank=1, value=ahead)))
-    assert leader(behind) == good, "the page shows first what the verdict is about"
+    assert leader(behind) == good, "the page shows first what the conclusion is about"
 
 
 def test_what_cannot_win_is_no_rival_of_a_claim(tmp_path: Path) -> None:
     """Holm corrects over those that may win: a method without some frames, or below the floor, is none of them."""
     many = table(write_run(tmp_path / "many", _apart(0.5), ("oracle", "good", "fair", "third"), subjects=6))
-    assert "with 6 subjects p cannot fall below 0.062" in answer(many).claim
+    assert "with 6 subjects p cannot fall below 0.062" in conclusion(many).claim
     gaps = [replace(cell, covered=cell.covered - 1, rank=0) for cell in many.rows[-1].cells]
     two = replace(many, rows=(*many.rows[:-1], replace(many.rows[-1], cells=tuple(gaps))))
-    assert "corrected: p is above 0.05" in answer(two).claim
+    assert "corrected: p is above 0.05" in conclusion(two).claim
     sunk = [replace(cell, sunk=True, rank=0) for cell in many.rows[-2].cells]
     alone = replace(two, rows=(*two.rows[:-2], replace(two.rows[-2], cells=tuple(sunk)), two.rows[-1]))
-    assert "corrected: no other method is above the floor on every frame" in answer(alone).claim
+    assert "corrected: no other method is above the floor on every frame" in conclusion(alone).claim
 
 
 def test_nothing_below_the_floor_is_best(run_folder: Path, set_scores: Callable[..., None]) -> None:
@@ -101,7 +103,7 @@ def test_nothing_below_the_floor_is_best(run_folder: Path, set_scores: Callable[
     cells = {row.name: row.cells[0] for row in result.rows}
     assert [cells[name].rank for name in ("mean", "phong", "physical", "urhand")] == [0, 0, 0, 0]
     assert [cells[name].sunk for name in ("mean", "phong", "physical", "urhand")] == [False, False, True, True]
-    found = answer(result)
+    found = conclusion(result)
     assert found.best == "No method can be called best by PSNR: none is above the floor on every frame."
     assert any(
         "floor (Mean), of 9 values: Physical_BRDF & fit in 3 and URHand in 3." in text for text in found.warnings
@@ -123,22 +125,22 @@ def test_several_seeds_widen_the_interval_and_are_told(tmp_path: Path) -> None:
     width = [result.rows[1].cells[0].high - result.rows[1].cells[0].low for result in (one, three)]  # type: ignore[operator]
     assert width[1] > width[0] + 0.5, "trainings are half a decibel apart"
     assert (one.trainings, three.trainings) == ("these weights (one seed)", "3 seeds")
-    assert "3 seeds" in answer(three).claim and "these weights" not in answer(three).claim
+    assert "3 seeds" in conclusion(three).claim and "these weights" not in conclusion(three).claim
 
 
 def test_methods_alone_and_alike_are_told(tmp_path: Path) -> None:
     alone = table(write_run(tmp_path / "alone", methods=("oracle", "good")))
-    assert answer(alone).best == "Good stands alone: there is no method to compare it with."
+    assert conclusion(alone).best == "Good stands alone: there is no method to compare it with."
     alike = table(write_run(tmp_path / "alike"))
-    assert answer(alike).best == (
+    assert conclusion(alike).best == (
         "Good and Fair share the lead: each is best, alone or with others, in both columns by PSNR. Ahead: Good and "
         "Fair level in Unseen light; Good and Fair level in Unseen pose."
     )
     assert (
-        answer(alike).cost
+        conclusion(alike).cost
         == "A new pose under a single light, and training: Good 4.20 ms, 10.0 s; Fair 4.20 ms, 10.0 s."
     )
-    assert "nothing to compare" in answer(table(write_run(tmp_path / "none", methods=("oracle",)))).best
+    assert "nothing to compare" in conclusion(table(write_run(tmp_path / "none", methods=("oracle",)))).best
 
 
 def test_titles_that_two_methods_have_are_told_apart(tmp_path: Path) -> None:
