@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import ast
+import json
 import shutil
 import subprocess
 import sys
 import tomllib
 import zipfile
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -26,6 +29,11 @@ def _packages() -> set[str]:
             parts = init.parent.relative_to(ROOT).parts
             found.add(".".join(parts if folder == "handbench" else ("handbench", *parts)))
     return found
+
+
+@cache
+def _parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def _modules() -> list[str]:
@@ -94,7 +102,7 @@ def test_no_module_names_pandas_or_a_sibling_by_its_bare_name() -> None:
     banned = {"pandas", "methods", "metrics", "protocols", "reports", "tests"}
     for folder in FOLDERS:
         for path in (ROOT / folder).rglob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text())):
+            for node in ast.walk(_parsed(path)):
                 names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
                 if isinstance(node, ast.ImportFrom) and node.level == 0:
                     names = [node.module or ""]
@@ -110,7 +118,7 @@ def test_the_core_loads_no_plug_in_package() -> None:
     for path in (ROOT / "handbench").rglob("*.py"):
         if path.is_relative_to(ROOT / "handbench" / "studies"):
             continue
-        for node in _at_module_level(ast.parse(path.read_text())):
+        for node in _at_module_level(_parsed(path)):
             names = [alias.name for alias in node.names]
             if isinstance(node, ast.ImportFrom):
                 depth = len(path.relative_to(ROOT).parts) - node.level
@@ -131,24 +139,54 @@ def _at_module_level(node: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
             yield from _at_module_level(child)
 
 
-def test_the_bench_loads_neither_torch_nor_scipy() -> None:
-    """A run whose methods need neither starts in a fraction of the time; who draws with atlases loads them."""
-    modules = ("bench.cell", "bench.run", "bench.describe", "bench.provenance", "metrics")
-    code = "".join(f"import handbench.{name}\n" for name in modules)
-    code += "import sys; print(sorted({'torch', 'scipy', 'open3d'} & sys.modules.keys()))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
+IMPORTS = """
+import json, os, sys
+from importlib import import_module
+
+sys.path.insert(0, sys.argv[1])  # with a pandas that tells of any try to load it, even where none is installed
+loaded = lambda: sorted({"torch", "jax", "open3d", "numpy", "scipy"} & sys.modules.keys())
+found = {}
+
+import handbench
+
+found["top"] = loaded()
+for name in ("bench.cell", "bench.run", "bench.describe", "bench.provenance", "metrics"):
+    import_module(f"handbench.{name}")
+found["bench"] = loaded()
+found["unlisted"] = sorted(set(handbench.__all__) - set(dir(handbench)))
+found["missing"] = [name for name in handbench.__all__ if getattr(handbench, name) is None]
+from handbench import Method, PosedAvatar, light_samples
+
+for name in (*sys.argv[2:], "open3d"):
+    import_module(name)
+found["pandas"] = os.path.exists("pandas-was-loaded")
+print(json.dumps(found))
+"""
 
 
-def test_importing_everything_loads_no_pandas(tmp_path: Path) -> None:
-    """A pandas is put in the way of every import, so that one that is tried is seen even where none is installed."""
-    (tmp_path / "pandas.py").write_text(
-        "import os\nos.write(1, b'PANDAS LOADED')\nraise ImportError('no pandas here')\n"
-    )
-    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n" + "".join(f"import {name}\n" for name in _modules())
-    done = subprocess.run([sys.executable, "-c", code + "import open3d"], capture_output=True, text=True, check=False)
+@pytest.fixture(scope="module")
+def imports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What a new process has loaded after it imported more and more, all modules at the end."""
+    folder = tmp_path_factory.mktemp("imports")
+    (folder / "pandas.py").write_text("open('pandas-was-loaded', 'w').close()\nraise ImportError('no pandas here')\n")
+    command = [sys.executable, "-c", IMPORTS, str(folder), *_modules()]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
     assert done.returncode == 0, done.stderr[-2000:]
-    assert "PANDAS LOADED" not in done.stdout
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_the_bench_loads_neither_torch_nor_scipy(imports: dict[str, Any]) -> None:
+    """A run whose methods need neither starts in a fraction of the time; who draws with atlases loads them."""
+    assert not {"torch", "scipy", "open3d"} & set(imports["bench"])
+
+
+def test_importing_everything_loads_no_pandas(imports: dict[str, Any]) -> None:
+    assert imports["pandas"] is False
+
+
+def test_the_names_of_a_plug_in_are_at_the_top_and_cost_nothing_until_used(imports: dict[str, Any]) -> None:
+    assert not {"torch", "jax", "open3d", "numpy"} & set(imports["top"])
+    assert imports["unlisted"] == imports["missing"] == []
 
 
 def test_every_requirement_is_pinned() -> None:
@@ -169,20 +207,7 @@ def test_no_module_binds_a_name_twice() -> None:
     """The second value would silently replace the first; linters do not see it."""
     for path in (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")):
         bound: list[str] = []
-        for line in ast.parse(path.read_text(encoding="utf-8")).body:
+        for line in _parsed(path).body:
             targets = line.targets if isinstance(line, ast.Assign) else []
             bound += [target.id for target in targets if isinstance(target, ast.Name)]
         assert len(bound) == len(set(bound)), f"{path.relative_to(ROOT)}: {sorted(bound)}"
-
-
-def test_the_names_of_a_plug_in_are_at_the_top_and_cost_nothing_until_used() -> None:
-    code = (
-        "import sys, handbench\n"
-        "heavy = {'torch', 'jax', 'open3d', 'numpy'} & set(sys.modules)\n"
-        "assert not heavy, heavy\n"
-        "assert set(handbench.__all__) <= set(dir(handbench))\n"
-        "assert all(getattr(handbench, name) is not None for name in handbench.__all__)\n"
-        "from handbench import Method, PosedAvatar, light_samples\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
