@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import atexit
+import gc
 import os
 import signal
 import tempfile
@@ -29,6 +30,28 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = compiled.name
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.02"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
+
+
+# As the command line does: a search for unused cycles goes through all modules, and finds nothing among them.
+gc.set_threshold(100_000, 50, 100)
+
+# Begun last, a file that takes long would leave the other process of the tests without work.
+LONG = (
+    "test_kills.py",
+    "test_executor.py",
+    "test_examples.py",
+    "test_package.py",
+    "test_docs.py",
+    "test_bad_inputs.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.name not in LONG)
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()  # what is imported stays
 
 
 @pytest.fixture(autouse=True, scope="session")
