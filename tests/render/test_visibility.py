@@ -147,13 +147,15 @@ def test_shadows_that_are_filled_in_are_those_that_are_traced_but_for_edges(shap
         assert rays[0] < (0.5 if texels is None else 0.9) * rays[1]
 
 
-def test_texels_between_others_are_in_the_middle_of_them(shapes) -> None:
+@pytest.mark.parametrize("step", [2, 4])
+def test_texels_between_others_are_in_the_middle_of_them(shapes, step: int) -> None:
     atlas = Atlas(shapes.join(shapes.plane(1.0, box=(0.0, 0.0, 0.45, 1.0)), shapes.plane(1.0, box=(0.5, 0.0, 1.0, 1.0)))
                   .topology, 33)  # fmt: skip
     texels = np.flatnonzero(np.random.default_rng(1).random(atlas.count) < 0.9)
-    between, around = around_texels(atlas, texels)
+    between, around = around_texels(atlas, texels, step)
     place = np.stack(np.divmod(atlas.texels[texels], atlas.size))
-    assert len(between) > 0.3 * len(texels)
+    assert len(between) > 0.3 * len(texels) / (step / 2) ** 2
     assert np.array_equal(place[:, around].mean(axis=1), place[:, between])
-    assert (place[:, around] % 2 == 0).all() and np.abs(place[:, around] - place[:, None, between]).max() == 1
+    assert (place[:, around] % step == 0).all()
+    assert np.abs(place[:, around] - place[:, None, between]).max() == step // 2
     assert (atlas.chart[texels][around] == atlas.chart[texels][between]).all()
