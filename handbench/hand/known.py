@@ -19,8 +19,14 @@ SHIPPED = "openhand"
 
 @cache
 def hand_model(name: str = SHIPPED) -> HandModel:
-    """The registered hand model of a name (one shared object); `InputError` with the closest names if there is none."""
+    """The registered hand model of a name; `InputError` with the closest names if there is none.
+
+    It is one shared object, so its arrays are read-only.
+    """
     model: HandModel = HANDS.load(name)()
+    for value in vars(model).values():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
     return model
 
 

@@ -150,7 +150,7 @@ class Channel:
             header = json.loads(text)
             arrays = list(self._arrays(header["arrays"]))
             return self._codec.decode(header, arrays)
-        except (ValueError, KeyError, TypeError, IndexError, AttributeError, MemoryError) as error:
+        except (ValueError, LookupError, TypeError, AttributeError, MemoryError, RecursionError) as error:
             raise Garbled(f"a message that cannot be read ({error})") from error
 
     def close(self) -> None:

@@ -294,6 +294,12 @@ def test_a_capture_names_its_hand_model() -> None:
         hand_model("openhands")
 
 
+@pytest.mark.parametrize("part", ["points", "ends", "frames", "limits"])
+def test_the_hand_that_all_share_is_read_only(part: str) -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(hand_model(), part)[...] = 0
+
+
 def test_a_foreign_surface_is_refused() -> None:
     foreign = SyntheticMano().mesh(np.zeros(10), Pose(np.zeros((16, 3))), 0)
     assert isinstance(foreign, Mesh)

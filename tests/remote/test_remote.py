@@ -170,6 +170,7 @@ def test_what_is_no_longer_held_here_is_let_go_there(remote, frames):
         ),
         ({"relight": "garbage"}, {}, "failed: the process sent a message of an impossible length during relight"),
         ({"relight": "no-json"}, {}, "failed: the process sent a message that cannot be read"),
+        ({"relight": "deep"}, {}, "failed: the process sent a message that cannot be read"),
         ({"relight": "other"}, {}, "failed: the process sent the unknown message 'bomb' during relight and was killed"),
         ({"relight": "huge"}, {}, "failed: the process sent a message that cannot be read"),
         ({"train": "memory"}, {}, "out of memory"),

@@ -90,7 +90,7 @@ class OpenHand(HandModel):
         blend, length, width = self._parts(shape, dtype)
         vertices = self._tensor("vertices", dtype) + torch.tensordot(blend, self._tensor("shapes", dtype), 1)
         points = self._tensor("points", dtype) + torch.tensordot(blend, self._tensor("point_shapes", dtype), 1)
-        ends = torch.from_numpy(self.ends)
+        ends = torch.tensor(self.ends)
         return proportion(vertices, points, ends, self.parents, self._tensor("weights", dtype), length, width)
 
     def _parts(self, shape: Tensor | ArrayLike, dtype: torch.dtype) -> tuple[Tensor, ...]:

@@ -58,6 +58,9 @@ def misbehave(how: str) -> None:
         case "no-json":
             _write_everywhere((4).to_bytes(8, "little") + b"????")
             time.sleep(600)
+        case "deep":
+            _write_everywhere((100_000).to_bytes(8, "little") + b"[" * 100_000)
+            time.sleep(600)
         case "other":
             _write_everywhere(_message({"gone": [], "content": {"dict": {"bomb": 1}}, "arrays": []}))
             time.sleep(600)
