@@ -38,7 +38,7 @@ def test_ray_scenes_are_as_many_for_meshes_made_for_every_frame(
     for recording in (Recording(few, training.observe), own) * 2:
         made.clear()
         views(recording, 64)
-        physical.create().train(recording)
+        physical.create(changes={"texture": "64"}).train(recording)
         counts.append(len(made))
     assert counts[2] == counts[3] > 0, "atlases are made by the first"
     assert counts[1] <= counts[0]

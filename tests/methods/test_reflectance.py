@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from types import ModuleType
+from typing import TypeAlias
 
 import numpy as np
 import pytest
 
+from handbench.data.capture import Capture
 from handbench.errors import Unsupported
-from handbench.method import Recording
+from handbench.method import Prior, Recording
 from handbench.methods import mean, oracle
 from handbench.methods.reflectance import phong, physical
 from handbench.methods.reflectance.model import (
@@ -20,6 +25,14 @@ from handbench.methods.reflectance.model import (
 )
 from handbench.scene import Frame, Group
 from handbench.skips import NONE, Skips, skipping, tallied
+
+Trained: TypeAlias = Callable[[ModuleType], Prior]
+
+
+@pytest.fixture(scope="module")
+def trained(training: Recording) -> Trained:
+    """A method's prior, trained once for all tests."""
+    return cache(lambda module: module.create().train(training))
 
 
 def test_the_fit_recovers_its_scales() -> None:
@@ -43,10 +56,10 @@ def test_the_fit_never_gives_a_negative_scale() -> None:
 
 @pytest.mark.parametrize("module", [physical, phong])
 def test_reflectance_is_near_the_truth_and_better_than_the_mean(
-    module, training: Recording, enrolment: Recording, mini
+    module: ModuleType, trained: Trained, enrolment: Recording, mini: Capture
 ) -> None:
     frames = [f for f in mini.frames() if f.subject == "s02" and f.segment == "held-out" and f.kind == "group"]
-    avatars = [method.create().train(training).personalise(enrolment) for method in (module, mean)]
+    avatars = [trained(method).personalise(enrolment) for method in (module, mean)]
     errors = [np.mean([_error(avatar, mini, frame) for frame in frames]) for avatar in avatars]
     assert errors[0] < 0.7 * errors[1]
 
@@ -56,8 +69,10 @@ def _error(avatar, mini, frame: Frame) -> float:
 
 
 @pytest.mark.parametrize("module", [physical, phong])
-def test_reflectance_is_linear_in_light(module, training: Recording, enrolment: Recording, mini) -> None:
-    avatar = module.create().train(training).personalise(enrolment)
+def test_reflectance_is_linear_in_light(
+    module: ModuleType, trained: Trained, enrolment: Recording, mini: Capture
+) -> None:
+    avatar = trained(module).personalise(enrolment)
     frames = {f.lighting: f for f in mini.frames() if f.subject == "s02" and f.camera.name == "palmar"}
     one, two = frames["olat-03"], frames["env-hall"]
     both = replace(one, light=Group((one.light.scaled(2.0), two.light.scaled(0.5))))
@@ -66,9 +81,8 @@ def test_reflectance_is_linear_in_light(module, training: Recording, enrolment: 
 
 
 @pytest.mark.parametrize("module", [physical, mean, oracle])
-def test_priors_come_back_from_disk(module, training: Recording, enrolment: Recording, tmp_path: Path) -> None:
-    method = module.create()
-    prior = method.train(training)
+def test_priors_come_back_from_disk(module: ModuleType, trained: Trained, enrolment: Recording, tmp_path: Path) -> None:
+    method, prior = module.create(), trained(module)
     prior.save(tmp_path)
     frame = enrolment.frames[0]
     before, after = (p.personalise(enrolment).relight(frame).image for p in (prior, method.load(tmp_path)))
@@ -82,16 +96,16 @@ def test_the_normalised_texture_undoes_the_stage(enrolment: Recording) -> None:
     assert float(texture.min()) > 0.0 and float(texture.max()) < 1.0  # an albedo over pi, with some shading left
 
 
-def test_the_oracle_knows_recorded_frames_only(enrolment: Recording, training: Recording) -> None:
-    avatar = oracle.create().train(training).personalise(enrolment)
+def test_the_oracle_knows_recorded_frames_only(enrolment: Recording, training: Recording, trained: Trained) -> None:
+    avatar = trained(oracle).personalise(enrolment)
     frame = enrolment.frames[0]
     assert np.array_equal(avatar.relight(frame.query).image, enrolment.observe(frame).image)
     with pytest.raises(Unsupported, match="not one of them"):
         avatar.relight(training.frames[0])
 
 
-def test_the_mean_predictor_ignores_the_light(training: Recording, enrolment: Recording, mini) -> None:
-    avatar = mean.create().train(training).personalise(enrolment)
+def test_the_mean_predictor_ignores_the_light(trained: Trained, enrolment: Recording, mini: Capture) -> None:
+    avatar = trained(mean).personalise(enrolment)
     one, two = [f for f in mini.frames() if f.subject == "s02"][:2]
     assert one.lighting != two.lighting
     assert np.array_equal(avatar.relight(one).image, avatar.relight(two).image)
@@ -115,8 +129,10 @@ def test_skips_do_not_change_the_picture(switch: str, enrolment: Recording, mini
 
 
 @pytest.mark.parametrize("module", [physical, phong])
-def test_few_lights_draw_the_picture_of_all(module, training: Recording, enrolment: Recording, mini) -> None:
-    prior = module.create().train(training)
+def test_few_lights_draw_the_picture_of_all(
+    module: ModuleType, trained: Trained, enrolment: Recording, mini: Capture
+) -> None:
+    prior = trained(module)
     fitted = (prior.diffuse, prior.specular, prior.roughness)
     exact = ReflectancePrior(prior.name, prior.model, replace(prior.config, environment_error=0.0), fitted)
     frames = [f for f in mini.frames() if f.subject == "s02" and f.segment == "held-out" and f.kind == "environment"]
