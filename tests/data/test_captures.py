@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import pairwise
 from typing import get_args
 
@@ -28,7 +29,7 @@ from handbench.hand.openhand import OpenHand, named_pose
 from handbench.light.environment import solid_angles
 from handbench.recording import Part, Recording
 from handbench.render.see.raster import rasterise
-from handbench.scene import Frame, Point, Pose, Unknown
+from handbench.scene import Environment, Frame, Point, Pose, Unknown
 from handbench.scene.colour import eight_bit, linear
 
 HAND = OpenHand.load()
@@ -230,8 +231,11 @@ def test_a_hand_in_the_wild_moves_smoothly_and_not_through_itself() -> None:
     assert max((b * a.inv()).magnitude() for a, b in pairwise(turned)) < np.radians(20)
 
 
-@pytest.mark.parametrize("light", [studio(32), room("room", "hall", 5, 32), *(panels(name, 32) for name in PANELS)])
-def test_rooms_are_exposed_like_sky_boxes(light) -> None:
+@pytest.mark.parametrize(
+    "made", [partial(studio, 32), partial(room, "room", "hall", 5, 32), *(partial(panels, name, 32) for name in PANELS)]
+)
+def test_rooms_are_exposed_like_sky_boxes(made: Callable[[], Environment]) -> None:
+    light = made()
     power = (light.radiance * solid_angles(32, 64)[..., None]).sum() / 3
     assert np.isclose(power / 4, ENVIRONMENT_IRRADIANCE, rtol=1e-3)
 
