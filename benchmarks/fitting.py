@@ -17,7 +17,7 @@ from scipy.ndimage import binary_closing, binary_opening, gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from handbench.hand import HandModel, hand_model
-from handbench.hand.fitting import Fit, Picture, fit
+from handbench.hand.fitting import Fit, HandPicture, fit
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.see.raster import rasterise
 from handbench.scene import Array, Camera, Mesh, Pose
@@ -57,7 +57,7 @@ class Sitter:
         """True coarse vertices (V, 3) in the world."""
         return self.hand.posed(self.shape, self.pose)[0]
 
-    def picture(self, rng: np.random.Generator, depth: bool, name: str = "picture") -> Picture:
+    def picture(self, rng: np.random.Generator, depth: bool, name: str = "picture") -> HandPicture:
         """Noisy key points and mask, and with `depth` noisy depth."""
         noise, camera = self.noise, self.camera
         mesh = self.hand.mesh(self.shape, self.pose, min(LEVEL, self.hand.levels))
@@ -68,7 +68,7 @@ class Sitter:
         places = places + rng.normal(0, noise.key_points, (21, 2)) * np.where(far, noise.astray, 1.0)[:, None]
         alpha = _ragged(raster.alpha, noise.ragged, rng)
         measured = _measured(raster.depth_map, raster.alpha, noise, rng) if depth else None
-        return Picture(camera, places, alpha, measured, name)
+        return HandPicture(camera, places, alpha, measured, name)
 
 
 def _ragged(alpha: Array, pixels: float, rng: np.random.Generator) -> Array:
@@ -153,7 +153,7 @@ def scan(rng: np.random.Generator, count: int, noise: Noise = Noise()) -> list[S
 
 # -- measurements ---------------------------------------------------------------------------------------------------
 
-GIVEN: dict[str, Callable[[Picture], Picture]] = {
+GIVEN: dict[str, Callable[[HandPicture], HandPicture]] = {
     "key points": lambda picture: replace(picture, alpha=None, depth=None),
     "key points, mask": lambda picture: replace(picture, depth=None),
     "key points, mask, depth": lambda picture: picture,

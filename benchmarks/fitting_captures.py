@@ -20,7 +20,7 @@ from handbench.data.openstage.population import cast
 from handbench.data.openstage.presets import CaptureName
 from handbench.evenly import evenly
 from handbench.hand import HandModel, hand_model
-from handbench.hand.fitting import Fit, Picture, Unfittable, fit, pictures
+from handbench.hand.fitting import Fit, HandPicture, Unfittable, fit, pictures
 from handbench.hand.openhand import OpenHand
 from handbench.scene import Camera, Frame
 
@@ -28,7 +28,7 @@ from .fitting import Errors, errors_of
 from .spoiled import SPOILS
 
 SEGMENTS: dict[CaptureName, str] = {"openwild": "sequence", "openphone": "scan"}
-GIVEN: dict[str, Callable[[Picture], Picture]] = {
+GIVEN: dict[str, Callable[[HandPicture], HandPicture]] = {
     "key points, mask": lambda picture: replace(picture, depth=None, start=None),
     "key points, mask, pose": lambda picture: replace(picture, depth=None),
     "key points, mask, depth": lambda picture: replace(picture, start=None),
@@ -44,7 +44,7 @@ USUAL: dict[CaptureName, tuple[str, ...]] = {
 class Known:
     """A picture, the frame with its hand as it is, and what kind of picture it is."""
 
-    picture: Picture
+    picture: HandPicture
     truth: Frame
     groups: tuple[str, ...]
 

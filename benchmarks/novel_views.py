@@ -21,7 +21,7 @@ from scipy.ndimage import binary_erosion
 from handbench.data.capture import open_capture
 from handbench.hand import hand_model
 from handbench.method import Prior
-from handbench.methods.palm.frames import Picture, Taken, taken
+from handbench.methods.palm.frames import Taken, TrainingCrop, taken
 from handbench.methods.palm.method import Palm, PalmPrior
 from handbench.methods.palm.model import PalmModel
 from handbench.methods.palm.posed import PosedHand, render
@@ -33,7 +33,7 @@ from handbench.scene.colour import srgb
 _INSIDE = 3  # pixels
 
 
-def seen(posed: PosedHand, picture: Picture) -> tuple[Array, Array]:
+def seen(posed: PosedHand, picture: TrainingCrop) -> tuple[Array, Array]:
     """The radiance field's colours (h, w, 3) and alpha (h, w) of a picture."""
     height, width = picture.alpha.shape
     rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
@@ -41,7 +41,7 @@ def seen(posed: PosedHand, picture: Picture) -> tuple[Array, Array]:
     return found.radiance(posed).view(height, width, 3).numpy(), found.alpha.view(height, width).numpy()
 
 
-def compared(posed: PosedHand, picture: Picture) -> tuple[float, ...]:
+def compared(posed: PosedHand, picture: TrainingCrop) -> tuple[float, ...]:
     """PSNR in the mask, inside, at the outline, and the masks' overlap."""
     image, alpha = seen(posed, picture)
     mask = picture.alpha.numpy() > 0.5

@@ -8,13 +8,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from handbench.hand.fitting import Picture
+from handbench.hand.fitting import HandPicture
 from handbench.scene import Array, Camera
 
-Spoil: TypeAlias = Callable[[Picture, np.random.Generator], Picture]
+Spoil: TypeAlias = Callable[[HandPicture, np.random.Generator], HandPicture]
 
 
-def in_a_mirror(picture: Picture) -> Picture:
+def in_a_mirror(picture: HandPicture) -> HandPicture:
     """The picture, its key points and its camera mirrored: the other hand. The pose goes: it is of no left hand."""
     camera = picture.camera
     K = np.array(camera.K)
@@ -34,7 +34,7 @@ def zoomed(camera: Camera, factor: float) -> Camera:
     return replace(camera, K=camera.K * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]]))
 
 
-def and_another(picture: Picture, shift: float) -> Picture:
+def and_another(picture: HandPicture, shift: float) -> HandPicture:
     """The picture with a copy of its mask beside it, shifted by a share of the mask's own width."""
     if picture.alpha is None:
         return picture
@@ -53,7 +53,7 @@ def _shifted(alpha: Array, columns: int) -> Array:
     return other
 
 
-def another_thing(picture: Picture, rng: np.random.Generator) -> Picture:
+def another_thing(picture: HandPicture, rng: np.random.Generator) -> HandPicture:
     """A disc where the hand was, and in it the key points of a detector that sees hands everywhere."""
     camera, points = picture.camera, picture.key_points
     middle, size = np.nanmean(points, axis=0), np.nanstd(points, axis=0).max()
@@ -64,7 +64,7 @@ def another_thing(picture: Picture, rng: np.random.Generator) -> Picture:
     return replace(picture, alpha=disc.astype(np.float32), depth=depth, key_points=guessed)
 
 
-def cut(picture: Picture, share: float) -> Picture:
+def cut(picture: HandPicture, share: float) -> HandPicture:
     """The picture without that share of the key points' height, from above: nothing is seen beyond its new edge."""
     camera, points = picture.camera, picture.key_points
     low, high = np.nanmin(points[:, 1]), np.nanmax(points[:, 1])
@@ -80,15 +80,15 @@ def cut(picture: Picture, share: float) -> Picture:
     )
 
 
-def _without_key_points(picture: Picture, rng: np.random.Generator) -> Picture:
+def _without_key_points(picture: HandPicture, rng: np.random.Generator) -> HandPicture:
     return replace(picture, key_points=np.full((21, 2), np.nan))
 
 
-def _masked(picture: Picture, value: float) -> Picture:
+def _masked(picture: HandPicture, value: float) -> HandPicture:
     return replace(picture, alpha=np.full((picture.camera.height, picture.camera.width), value, np.float32))
 
 
-def _millimetres(picture: Picture, rng: np.random.Generator) -> Picture:
+def _millimetres(picture: HandPicture, rng: np.random.Generator) -> HandPicture:
     return replace(picture, depth=None if picture.depth is None else 1000 * picture.depth)
 
 

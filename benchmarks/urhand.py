@@ -14,7 +14,7 @@ from handbench.bench.resolving import resolve
 from handbench.bench.run import find_protocol
 from handbench.light.lightset import LightSet
 from handbench.methods.urhand import lighting
-from handbench.methods.urhand.config import Config, configuration
+from handbench.methods.urhand.config import UrhandConfig, configuration
 from handbench.methods.urhand.method import URHand, URHandPrior
 from handbench.recording import Recording
 from handbench.registry import CAPTURES
@@ -43,7 +43,7 @@ def urhand(size: str) -> list[Measurement]:
     ]
 
 
-def _train(config: Config, training: Recording) -> tuple[URHandPrior, list[float]]:
+def _train(config: UrhandConfig, training: Recording) -> tuple[URHandPrior, list[float]]:
     """A prior and the milliseconds of its steps."""
     stamps: list[tuple[int, float]] = []
 

@@ -1,6 +1,6 @@
 """The ablations of URHand's paper (supp. Sec. 5.2): overrides of one configuration. Another one takes one entry.
 
-Light data: nothing heavy is imported here. `Config` in `urhand/config.py` says what each field means.
+Light data: nothing heavy is imported here. `UrhandConfig` in `urhand/config.py` says what each field means.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from .networks import HALVINGS
 
 
 @dataclass(frozen=True)
-class Config:
+class GeometryConfig:
     """Everything that can change a result. Losses are of millimetres (the paper names no unit).
 
     Inputs
@@ -70,15 +70,15 @@ class Config:
 
 
 PRESETS = {
-    "smoke": Config(image=64, depth=32, points=500, steps=30, warmup=5),
-    "quick": Config(),
-    "standard": Config(image=256, points=4000, steps=20_000),
+    "smoke": GeometryConfig(image=64, depth=32, points=500, steps=30, warmup=5),
+    "quick": GeometryConfig(),
+    "standard": GeometryConfig(image=256, points=4000, steps=20_000),
     # the paper gives no sizes, steps or batch for this network
-    "paper": Config(image=256, depth=128, points=10_000, steps=200_000, batch=8, rate=(1e-4, 1e-5)),
+    "paper": GeometryConfig(image=256, depth=128, points=10_000, steps=200_000, batch=8, rate=(1e-4, 1e-5)),
 }
 
 
-def configuration(preset: str) -> Config:
+def configuration(preset: str) -> GeometryConfig:
     """The settings of a preset; `InputError` with the closest names for an unknown one."""
     if preset not in PRESETS:
         raise unknown_name("preset of geometry", preset, PRESETS)

@@ -18,9 +18,9 @@ from handbench.hand import HandModel
 from handbench.scene import Array, Camera, Pose
 
 from ..kit.layers import channels_last
-from .config import Config
+from .config import GeometryConfig
 from .networks import OFFSET, IdentityDecoder, IdentityEncoder, PoseDecoder, PoseEncoder, principal
-from .scan import Scan, depth_maps
+from .scan import PointCloud, depth_maps
 from .skeleton import bone_weights, directions, forward
 
 _NEAR, _FAR = 0.004, 0.1  # metres that count as one: joints about the template's, joints about the wrist
@@ -37,7 +37,7 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
-class Posed:
+class DecodedHand:
     """A posed hand in the world: vertices (V_level, 3), key points (P, 3), and the pose correctives (V, 3)."""
 
     vertices: Tensor
@@ -48,7 +48,7 @@ class Posed:
 class GeometryModel(nn.Module):
     """E_id, D_id, E_theta and D_theta (URHand supp. Fig. 3) around a hand model, whose neutral hand they correct."""
 
-    def __init__(self, config: Config, hand: HandModel, level: int) -> None:
+    def __init__(self, config: GeometryConfig, hand: HandModel, level: int) -> None:
         super().__init__()
         self.config, self.hand, self.level = config, hand, level
         neutral = hand.rest_position(0)
@@ -92,7 +92,7 @@ class GeometryModel(nn.Module):
         near = self.here(np.stack(hands)).sub(self._points) / _NEAR
         principal(self.identity_encoder, self.identity_decoder, near, _NEAR)
 
-    def encode(self, aligned: Scan, points: Array) -> tuple[Tensor, Tensor]:
+    def encode(self, aligned: PointCloud, points: Array) -> tuple[Tensor, Tensor]:
         """Mean and log variance (Z,) of the identity code of a neutral hand in the reference frame."""
         near = (self.here(points) - self._points) / _NEAR
         maps = depth_maps(aligned, self.config.depth).to(near.device)
@@ -117,7 +117,7 @@ class GeometryModel(nn.Module):
         """The pose that key points (P, 3) tell of this hand in closed form; not differentiated through."""
         return directions(self.hand, shape.points.detach().cpu().double().numpy(), observed)
 
-    def posed(self, shape: Shape, told: Pose, beyond: Tensor) -> Posed:
+    def posed(self, shape: Shape, told: Pose, beyond: Tensor) -> DecodedHand:
         """Template + identity and pose correctives, linear blend skinning, subdivision to the capture's level."""
         joints = self.here(told.joints) + beyond[:-2]
         (correctives,) = self._run(self.pose_decoder, joints, shape.code)
@@ -125,7 +125,7 @@ class GeometryModel(nn.Module):
         skinned = forward(self.hand, carried, shape.points, self._weights, joints, beyond[-2], beyond[-1])
         placed = skinned @ self.here(_matrix(told)).T + self.here(told.translation)
         count = len(shape.vertices)
-        return Posed(self.hand.subdivide(placed[:count], self.level), placed[count:], correctives)
+        return DecodedHand(self.hand.subdivide(placed[:count], self.level), placed[count:], correctives)
 
 
 def combined(told: Pose, beyond: Tensor) -> Pose:

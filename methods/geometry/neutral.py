@@ -12,7 +12,7 @@ from handbench.hand import HandModel, hand_of
 from handbench.method import Recording
 from handbench.scene import Array, Pose, needed
 
-from .scan import Scan, scan
+from .scan import PointCloud, point_cloud
 from .skeleton import posed_points, regressor, rigid
 
 _NEUTRAL = np.radians(5.0)  # how far a joint may be bent in a frame that counts as neutral
@@ -29,7 +29,7 @@ class Neutral:
     """
 
     hand: HandModel
-    scan: Scan
+    scan: PointCloud
     points: Array
     rest: Array
 
@@ -64,18 +64,18 @@ def neutral(recording: Recording) -> Neutral:
     hand, level = hand_of(mesh.topology)
     world = regressor(hand, level) @ mesh.vertices
     placed = Rotation.from_rotvec(pose.rotation.copy()).as_matrix()
-    aligned = _aligned(hand, scan([(frame, lit.observe(frame)) for frame in views]), world)
+    aligned = _aligned(hand, point_cloud([(frame, lit.observe(frame)) for frame in views]), world)
     return Neutral(hand, *aligned, (world - pose.translation) @ placed)
 
 
-def _aligned(hand: HandModel, seen: Scan, points: Array) -> tuple[Scan, Array]:
+def _aligned(hand: HandModel, seen: PointCloud, points: Array) -> tuple[PointCloud, Array]:
     """Scan and key points (P, 3) brought rigidly into the reference frame."""
     turn, _ = rigid(points, hand.points)
     shift = -turn @ points[hand.wrist]
     return seen.moved(turn, shift), points @ turn.T + shift
 
 
-def warped(person: Neutral, amount: float, rng: np.random.Generator) -> tuple[Scan, Array]:
+def warped(person: Neutral, amount: float, rng: np.random.Generator) -> tuple[PointCloud, Array]:
     """Scan and key points (P, 3) of another hand in the neutral pose: a person's, smoothly deformed and aligned again.
 
     The deformation is affine with entries of standard deviation `amount`, and bumps around key points that move them
@@ -90,4 +90,4 @@ def warped(person: Neutral, amount: float, rng: np.random.Generator) -> tuple[Sc
         return x + x @ stretch + np.exp(-squared / (2.0 * _WIDTH**2)) @ pushes
 
     seen = person.scan
-    return _aligned(person.hand, Scan(move(seen.points), seen.seen_from, seen.area), move(person.points))
+    return _aligned(person.hand, PointCloud(move(seen.points), seen.seen_from, seen.area), move(person.points))

@@ -22,28 +22,30 @@ _DEPTH = 0.05  # metres that count as one in a depth map
 
 
 @dataclass(frozen=True, eq=False)
-class Scan:
+class PointCloud:
     """Surface points (N, 3) in metres, unit directions (N, 3) to their cameras, areas (N,) that their pixels cover."""
 
     points: Array
     seen_from: Array
     area: Array
 
-    def moved(self, turn: Array, shift: Array, scale: float = 1.0) -> Scan:
+    def moved(self, turn: Array, shift: Array, scale: float = 1.0) -> PointCloud:
         """Rotated, shifted, then enlarged about the origin."""
-        return Scan((self.points @ turn.T + shift) * scale, self.seen_from @ turn.T, self.area * scale**2)
+        return PointCloud((self.points @ turn.T + shift) * scale, self.seen_from @ turn.T, self.area * scale**2)
 
 
-def scan(frames: Sequence[tuple[Frame, Observation]]) -> Scan:
+def point_cloud(frames: Sequence[tuple[Frame, Observation]]) -> PointCloud:
     """The points that the depth maps of a pose's frames show, without pixels on edges.
 
     Raises `Unsupported` for a frame without depth or without a hand.
     """
     parts = [_unprojected(frame, seen) for frame, seen in frames]
-    return Scan(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("points", "seen_from", "area")))
+    return PointCloud(
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("points", "seen_from", "area"))
+    )
 
 
-def _unprojected(frame: Frame, seen: Observation) -> Scan:
+def _unprojected(frame: Frame, seen: Observation) -> PointCloud:
     if seen.depth is None:
         raise Unsupported(f"the geometry autoencoder needs depth maps as scans, and {frame.key} has no depth channel")
     camera, depth = frame.camera, seen.depth
@@ -54,12 +56,12 @@ def _unprojected(frame: Frame, seen: Observation) -> Scan:
         raise Unsupported(f"the geometry autoencoder needs pictures of a hand, and {frame.key} shows none")
     points = camera.unproject(np.column_stack([columns, rows]) + 0.5, depth[rows, columns].astype(np.float64))
     back = camera.centre - points
-    return Scan(
+    return PointCloud(
         points, back / np.linalg.norm(back, axis=1, keepdims=True), pixel[rows, columns].astype(np.float64) ** 2
     )
 
 
-def depth_maps(aligned: Scan, size: int) -> Tensor:
+def depth_maps(aligned: PointCloud, size: int) -> Tensor:
     """Two orthographic depth maps and their coverage, (4, size, size), of a scan in the reference frame.
 
     Points seen from the palm's side (+z) and from the back go to maps of their own. Each point is shared by the four

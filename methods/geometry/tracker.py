@@ -17,7 +17,7 @@ from handbench.scene import Array, Frame, Mesh, Pose, Topology, Viewpoint, neede
 from handbench.settings import UNCHANGED, Changes, changed
 
 from ..kit.weights import load_state, save_state
-from .config import Config, configuration
+from .config import GeometryConfig, configuration
 from .model import GeometryModel, Shape, combined
 from .neutral import Neutral, full_frames, neutral
 from .scan import picture
@@ -27,7 +27,7 @@ NAME = "geometry"
 
 
 @dataclass(frozen=True, eq=False)
-class Person:
+class TrackedSubject:
     """A subject whose identity code is known."""
 
     neutral: Neutral
@@ -50,7 +50,7 @@ class GeometryPrior:
         self.model = model.eval()
 
     @torch.no_grad()
-    def identify(self, enrolment: Recording) -> Person:
+    def identify(self, enrolment: Recording) -> TrackedSubject:
         """The mean identity of a recording's one subject.
 
         Raises `Unsupported` without fully lit frames with depth in a neutral pose, `NonFinite` for a hand that is not.
@@ -60,10 +60,10 @@ class GeometryPrior:
         shape = self.model.shape(mean)
         if not (shape.points.isfinite().all() and shape.vertices.isfinite().all()):
             raise NonFinite("geometry: the hand at rest is not finite; train again")
-        return Person(found, shape)
+        return TrackedSubject(found, shape)
 
     @torch.no_grad()
-    def track(self, person: Person, views: Recording) -> Tracked:
+    def track(self, person: TrackedSubject, views: Recording) -> Tracked:
         """The geometry of one pose of a person from its fully lit frames: what cameras add to the pose is averaged.
 
         Raises `Unsupported` if there are none, `NonFinite` if the surface is not finite.
@@ -80,7 +80,7 @@ class GeometryPrior:
         return self._tracked(person, told, torch.stack(added).mean(dim=0), needed(lit.frames[0].mesh, "mesh").topology)
 
     @torch.no_grad()
-    def follow(self, person: Person, pose: Pose, topology: Topology) -> Tracked:
+    def follow(self, person: TrackedSubject, pose: Pose, topology: Topology) -> Tracked:
         """The geometry of a pose that no picture shows, from its joints alone: E_theta is not asked.
 
         Raises `NonFinite` as `track` does.
@@ -88,7 +88,7 @@ class GeometryPrior:
         told = self.model.told(person.shape, person.neutral.observed(pose))
         return self._tracked(person, told, self.model.still, topology)
 
-    def _tracked(self, person: Person, told: Pose, beyond: Tensor, topology: Topology) -> Tracked:
+    def _tracked(self, person: TrackedSubject, told: Pose, beyond: Tensor, topology: Topology) -> Tracked:
         posed = self.model.posed(person.shape, told, beyond)
         if not posed.vertices.isfinite().all():
             raise NonFinite("geometry: the tracked surface is not finite; train again")
@@ -105,7 +105,7 @@ class GeometryPrior:
 class Tracker:
     """The autoencoder with its configuration."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: GeometryConfig) -> None:
         self._config = config
 
     @property
@@ -152,7 +152,7 @@ class Tracking:
 
     def __init__(self, prior: GeometryPrior, lit: Recording, blind: bool = False) -> None:
         self._prior, self._lit, self._blind = prior, full_frames(lit), blind
-        self._persons: dict[str, Person] = {}
+        self._persons: dict[str, TrackedSubject] = {}
 
     def of(self, asked: Viewpoint | Frame) -> Tracked:
         """The geometry of the pose of a viewpoint or frame.
@@ -170,7 +170,7 @@ class Tracking:
             return self._prior.track(person, views)
         return self._prior.follow(person, needed(asked.pose, "pose"), needed(asked.mesh, "mesh").topology)
 
-    def _person(self, subject: str) -> Person:
+    def _person(self, subject: str) -> TrackedSubject:
         if subject not in self._persons:
             self._persons[subject] = self._prior.identify(self._lit.of_subject(subject))
         return self._persons[subject]

@@ -19,7 +19,7 @@ from ..kit.rows import rows_of
 from .model import GeometryModel
 from .networks import divergence
 from .neutral import Neutral, full_frames, neutral, warped
-from .scan import Scan, picture, scan
+from .scan import PointCloud, picture, point_cloud
 
 _MM = 1000.0
 _HANDS = 256  # that the identity networks start from
@@ -37,7 +37,7 @@ class _Sample:
 
 
 def train(model: GeometryModel, recording: Recording, seed: int, progress: Progress) -> None:
-    """Train in place. Raises `Unsupported` for a recording that `neutral` or `scan` refuses, `NonFinite`."""
+    """Train in place. Raises `Unsupported` for a recording that `neutral` or `point_cloud` refuses, `NonFinite`."""
     lesson = Lesson(model, recording)
     model.start(lesson.hands(np.random.default_rng([23, seed])))
     fit(
@@ -61,7 +61,7 @@ class Lesson:
         poses = dict.fromkeys(frame.pose_key for frame in lit.frames)
         for pose in poses:  # the scan of a pose is what all its cameras see together
             views = [(frame, lit.observe(frame)) for frame in lit.frames if frame.pose_key == pose]
-            points = scan(views).points
+            points = point_cloud(views).points
             for frame, seen in views:
                 observed = self.neutrals[frame.subject].observed(needed(frame.pose, "pose"))
                 drawn = picture(seen.image, frame.camera, observed, model.config.image)
@@ -72,7 +72,7 @@ class Lesson:
         people = list(self.neutrals.values())
         return [self._identity(people[i % len(people)], rng)[1] for i in range(_HANDS)]
 
-    def _identity(self, person: Neutral, rng: np.random.Generator) -> tuple[Scan, Array, float, bool]:
+    def _identity(self, person: Neutral, rng: np.random.Generator) -> tuple[PointCloud, Array, float, bool]:
         """Scan and key points (P, 3) of a person or of a deformed one, enlarged; the factor, and whether deformed."""
         config = self.model.config
         size = float(np.exp(rng.uniform(*np.log(config.scale))))

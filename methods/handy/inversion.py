@@ -16,7 +16,7 @@ from ..kit.engine import Budget, Player, fit
 from ..kit.perceptual import patch, perceptual_loss
 from .config import HandyConfig
 from .generator import LAYERS, Generator
-from .pictures import Shot
+from .pictures import DisplayCrop
 
 
 class Sought(nn.Module):
@@ -26,7 +26,7 @@ class Sought(nn.Module):
     where there are none, it is of no use and stays.
     """
 
-    def __init__(self, made: Generator, shots: Sequence[Shot], config: HandyConfig, seed: int) -> None:
+    def __init__(self, made: Generator, shots: Sequence[DisplayCrop], config: HandyConfig, seed: int) -> None:
         super().__init__()
         self.config = config
         code = _start(made, config, seed)
@@ -53,7 +53,7 @@ class Sought(nn.Module):
 
 
 def inverted(
-    made: Generator, shots: Sequence[Shot], config: HandyConfig, seed: int, progress: Progress
+    made: Generator, shots: Sequence[DisplayCrop], config: HandyConfig, seed: int, progress: Progress
 ) -> tuple[Tensor, Tensor]:
     """The albedo (3, SIZE, SIZE), linear, and the exposure (1,) or (3,) of pictures drawn without their light.
 
@@ -68,7 +68,7 @@ def inverted(
 
 
 class _Losses:
-    def __init__(self, sought: Sought, shots: Sequence[Shot], config: HandyConfig) -> None:
+    def __init__(self, sought: Sought, shots: Sequence[DisplayCrop], config: HandyConfig) -> None:
         self._sought, self._shots, self._config = sought, shots, config
 
     def of(self, _: int, rng: np.random.Generator) -> Mapping[str, Tensor]:
@@ -110,7 +110,7 @@ def _start(made: Generator, config: HandyConfig, seed: int) -> Tensor:
             assert_never(config.start)
 
 
-def _ratio(shot: Shot, albedo: Tensor) -> Tensor:
+def _ratio(shot: DisplayCrop, albedo: Tensor) -> Tensor:
     """Mean linear colour (3,) of a picture over that of the texture drawn in it."""
     drawn = shot.raster.sample(albedo)[:, shot.inside].mean(dim=1)
     return unclipped_linear(shot.image)[:, shot.inside].mean(dim=1).clamp_min(1e-4) / drawn.clamp_min(1e-4)

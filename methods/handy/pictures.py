@@ -34,7 +34,7 @@ _ROUNDING = 1e-5  # of UVs in files
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class DisplayCrop:
     """A crop: its display values (3, h, w), where they are compared, inside (h, w) bool, and the hand's raster.
 
     diffuse (3, R, R): the irradiance over pi, and specular (3, h, w): what the surface mirrors of the light, both of
@@ -61,7 +61,7 @@ class Shot:
 class Sitting:
     """The pictures of a person, and its fitted hand, or None where tracked meshes are given."""
 
-    shots: tuple[Shot, ...]
+    shots: tuple[DisplayCrop, ...]
     hand: Enrolled | None
 
 
@@ -124,14 +124,14 @@ def _tracked(recording: Recording, most: int) -> Iterator[tuple[Camera, Observat
         yield frame.camera, recording.observe(frame), frame.light, needed(frame.mesh, "mesh")
 
 
-def _shot(crop: Crop, surface: PosedSurface, light: Light, config: HandyConfig, lobe: Lobe) -> Shot:
+def _shot(crop: Crop, surface: PosedSurface, light: Light, config: HandyConfig, lobe: Lobe) -> DisplayCrop:
     raster = rasterise(surface.mesh, crop.camera, _SUPERSAMPLE)
     image = torch.from_numpy(np.moveaxis(srgb(crop.image), -1, 0).copy())
     inside = torch.from_numpy(crop.inner(_EATEN) & (raster.alpha > 0.99))
     if not config.lit or any(isinstance(leaf, Unknown) for leaf in leaves(light)):
-        return Shot(image, inside, raster)
+        return DisplayCrop(image, inside, raster)
     lights = light_samples(light, environment_error=config.environment_error)
     diffuse, specular = Shading(surface, crop.camera.centre).features(lights, lobe.roughness, lobe.model)
     atlas = surface.atlas
     diffuse, specular = (atlas.dilate(atlas.scatter(part)) for part in (diffuse / math.pi, lobe.strength * specular))
-    return Shot(image, inside, raster, diffuse, raster.sample(specular))
+    return DisplayCrop(image, inside, raster, diffuse, raster.sample(specular))

@@ -9,7 +9,7 @@ from handbench.light.spread import ENVIRONMENT_ERROR
 
 
 @dataclass(frozen=True)
-class Weights:
+class HarpWeights:
     """What the losses weigh, as in the authors' code (`optimize_sequence.py`)."""
 
     silhouette: float = 7.0
@@ -65,7 +65,7 @@ class HarpConfig:
     unseen: Literal["completed", "start"] = "completed"
     gloss: float | None = None
     environment_error: float = ENVIRONMENT_ERROR
-    weights: Weights = field(default_factory=lambda: Weights(albedo=0.1))
+    weights: HarpWeights = field(default_factory=lambda: HarpWeights(albedo=0.1))
 
 
 PRESETS = {
@@ -89,6 +89,6 @@ PRESETS = {
         start="released",
         unseen="start",
         environment_error=0.0,
-        weights=Weights(),
+        weights=HarpWeights(),
     ),
 }

@@ -30,10 +30,10 @@ from ..kit.rows import rows_of
 from . import losses
 from .config import HarpConfig
 from .look import AMBIENT, LIGHT, SKIN, Look, shade
-from .picture import Picture, Samples
+from .picture import FittedCrop, PixelSamples
 from .shadow import visibility
 from .start import lit_from
-from .surface import Surface, mapped
+from .surface import HandSurface, mapped
 
 _PATIENCE = 40  # epochs without progress after which the rate of shape and poses falls to a tenth
 _TELL = 10  # steps
@@ -49,7 +49,7 @@ def fitted(enrolled: Enrolled, config: HarpConfig, seed: int, progress: Progress
 class _Fit:
     def __init__(self, enrolled: Enrolled, config: HarpConfig, seed: int) -> None:
         self.config, self.hand = config, enrolled.hand
-        self.surface = Surface(enrolled.hand, config.level)
+        self.surface = HandSurface(enrolled.hand, config.level)
         space = Space.of(enrolled.hand, self.surface.level)
         self._free = torch.zeros(3 * len(enrolled.hand.parents)).index_fill(0, torch.from_numpy(space.free), 1.0)
         self._free = self._free.unflatten(0, (-1, 3))
@@ -63,7 +63,7 @@ class _Fit:
         for seen in enrolled.pictures:
             crop = Crop.of(seen.camera, seen.observation.image, seen.observation.alpha, config.side)  # type: ignore[arg-type]
             pose = (seen.pose.joints.copy(), seen.pose.rotation.copy(), seen.pose.translation.copy())
-            self.pictures.append(Picture(crop, pose, config))
+            self.pictures.append(FittedCrop(crop, pose, config))
         size = config.texture
         self._atlas = Atlas.of(self.surface.topology, size)
         self.used = torch.from_numpy(self._atlas.covered)
@@ -143,14 +143,14 @@ class _Fit:
 
     # -- the surface ------------------------------------------------------------------------------------------------
 
-    def _vertices(self, picture: Picture) -> Tensor:
+    def _vertices(self, picture: FittedCrop) -> Tensor:
         return self.surface.posed(*self._pose(picture), self.offset)
 
-    def _pose(self, picture: Picture) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def _pose(self, picture: FittedCrop) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         joints = picture.start + self._free * picture.joints
         return self._shape + self._basis @ self.z, joints, picture.rotation, picture.translation
 
-    def _points(self, picture: Picture) -> Tensor:
+    def _points(self, picture: FittedCrop) -> Tensor:
         """Key points (21, 3) of a picture from the wrist, metres, of the fitted shape: they anchor the pose."""
         hand, (_, joints, rotation, translation) = self.hand, self._pose(picture)
         heads = self._rest[: len(hand.parents)]
@@ -158,7 +158,7 @@ class _Fit:
         chosen = linear_blend(*carried)[list(hand.key_points)]
         return chosen - chosen[:1]
 
-    def _sampled(self, picture: Picture, vertices: Tensor) -> Samples:
+    def _sampled(self, picture: FittedCrop, vertices: Tensor) -> PixelSamples:
         """The picture's samples, cast anew after `refresh` uses."""
         kept = picture.samples
         if kept is None or kept.age >= self.config.refresh:
@@ -167,13 +167,13 @@ class _Fit:
             inside = np.flatnonzero(picture.inner.ravel()[found.pixel])
             parts = (found.pixel.astype(np.int64), found.face.astype(np.int64), found.barycentric, found.uv)
             pixel, face, barycentric, uv = (torch.from_numpy(part[inside]) for part in parts)
-            kept = picture.samples = Samples(pixel, face, barycentric, uv.float())
+            kept = picture.samples = PixelSamples(pixel, face, barycentric, uv.float())
         kept.age += 1
         return kept
 
     # -- the losses -------------------------------------------------------------------------------------------------
 
-    def _loss(self, picture: Picture, shapes: bool, paints: bool) -> Tensor:
+    def _loss(self, picture: FittedCrop, shapes: bool, paints: bool) -> Tensor:
         weights = self.config.weights
         with torch.set_grad_enabled(shapes):
             vertices = self._vertices(picture)
@@ -195,7 +195,7 @@ class _Fit:
             total = total + weights.normal_map * losses.normal_regulariser(self.normal_map, self.used, self._generator)
         return total
 
-    def _appearance(self, picture: Picture, vertices: Tensor) -> Tensor:
+    def _appearance(self, picture: FittedCrop, vertices: Tensor) -> Tensor:
         """Photometric and perceptual losses. A pixel's point on the surface carries its colour along when the surface
         moves: the colour is compared with the picture at the place where the point is seen."""
         samples, (height, width) = self._sampled(picture, vertices), picture.alpha.shape
@@ -213,7 +213,7 @@ class _Fit:
         perceptual = perceptual_loss(drawn[None], wanted)[0]
         return self.config.weights.photometric * photometric + self.config.weights.perceptual * perceptual
 
-    def _colour(self, picture: Picture, samples: Samples, vertices: Tensor) -> tuple[Tensor, Tensor]:
+    def _colour(self, picture: FittedCrop, samples: PixelSamples, vertices: Tensor) -> tuple[Tensor, Tensor]:
         """Display colours (3, P) and positions (P, 3) of samples."""
         position, smooth, along = self._at(samples, vertices)
         values = _looked_up(self.normal_map, _flipped(samples.uv)).T
@@ -226,7 +226,7 @@ class _Fit:
         albedo = _looked_up(self.albedo, _flipped(samples.uv))
         return to_display(albedo * shading, self.config.space), position
 
-    def _at(self, samples: Samples, vertices: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def _at(self, samples: PixelSamples, vertices: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Position, smooth unit normal and tangent (P, 3) of samples."""
         corners, share = self.surface.faces[samples.face], samples.barycentric[..., None]
         position = (share * rows_of(vertices, corners)).sum(dim=1)
@@ -269,7 +269,7 @@ class _Fit:
             weight += shown.weight * shading**2
         return self._completed(total / np.maximum(weight, 1e-9), weight > 0)
 
-    def _texels(self, picture: Picture) -> tuple[PosedMesh, TexelSurface]:
+    def _texels(self, picture: FittedCrop) -> tuple[PosedMesh, TexelSurface]:
         mesh = PosedMesh(Mesh(self._vertices(picture).double().numpy(), self.surface.topology))
         return mesh, TexelSurface.of(mesh, self._atlas)
 

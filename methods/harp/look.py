@@ -11,7 +11,7 @@ from torch import Tensor
 from handbench.scene import Array, Mesh, Pose
 
 from .config import HarpConfig
-from .surface import Surface
+from .surface import HandSurface
 
 SKIN = (232 / 255, 190 / 255, 172 / 255)
 """The albedo that the authors' code begins with, a display colour."""
@@ -32,7 +32,7 @@ class Look:
     """
 
     config: HarpConfig
-    surface: Surface
+    surface: HandSurface
     shape: Array
     offset: Tensor
     albedo: Tensor

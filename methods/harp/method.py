@@ -27,7 +27,7 @@ from .config import HarpConfig
 from .fitting import fitted
 from .look import Look, shade
 from .shadow import visibility
-from .surface import Surface, mapped
+from .surface import HandSurface, mapped
 
 INFO = MethodInfo(
     name="harp",
@@ -119,7 +119,7 @@ class HarpAvatar(Avatar):
         model = hand_model(as_text(state["hand"]))
         maps = (3, config.texture, config.texture)
         shapes: dict[str, tuple[int | None, ...]] = {"shape": (model.shape_size,), "ambient": ()}
-        surface = Surface(model, config.level)
+        surface = HandSurface(model, config.level)
         shapes |= {"offset": (surface.count,), "albedo": maps, "normal_map": maps, "light": (3,)}
         check_shapes(folder, state, shapes)
         return cls(Look(config, surface, state["shape"].numpy(), *(state[name] for name in _TENSORS)))

@@ -19,7 +19,7 @@ EATEN = 2
 
 
 @dataclass(eq=False)
-class Samples:
+class PixelSamples:
     """Pixels (P,) inside a crop's mask that the surface covers, some several times, and where on it they are."""
 
     pixel: Tensor
@@ -30,7 +30,7 @@ class Samples:
     visible: Tensor | None = None
 
 
-class Picture:
+class FittedCrop:
     """A crop, its colours (3, h, w) in the model's space and as display values, and the unknown pose."""
 
     def __init__(self, crop: Crop, pose: tuple[Array, Array, Array], config: HarpConfig) -> None:
@@ -44,7 +44,7 @@ class Picture:
         self.alpha = torch.from_numpy(crop.alpha)
         self.inner = crop.inner(EATEN)
         self.points: Tensor | None = None
-        self.samples: Samples | None = None
+        self.samples: PixelSamples | None = None
 
     @property
     def unknowns(self) -> list[Tensor]:

@@ -13,7 +13,7 @@ from handbench.scene import Array, Topology
 from ..kit.rows import rows_of
 
 
-class Surface:
+class HandSurface:
     """The triangles of a hand model at a level: V vertices, F faces, E edges."""
 
     def __init__(self, hand: HandModel, level: int) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from handbench.errors import Unsupported
 from handbench.evenly import evenly
 from handbench.hand import HandModel
-from handbench.hand.fitting import QUICK, Settings
+from handbench.hand.fitting import QUICK, FittingSettings
 from handbench.method import Progress, Recording, silent
 from handbench.scene import Array, Camera, Light, Mesh, Observation, Pose, Unknown
 
@@ -15,7 +15,7 @@ from .fittedhand import fitted_hand
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class PosedPicture:
     """A picture in which the hand was found, in a pose; `pose_key` and `light` are those of its frame."""
 
     pose_key: str
@@ -31,7 +31,7 @@ class Enrolled:
 
     hand: HandModel
     shape: Array
-    pictures: tuple[Seen, ...]
+    pictures: tuple[PosedPicture, ...]
 
     @property
     def found(self) -> dict[str, Pose]:
@@ -43,7 +43,9 @@ class Enrolled:
         return self.hand.mesh(self.shape, pose, level)
 
 
-def enrolled(enrolment: Recording, most: int, settings: Settings = QUICK, progress: Progress = silent) -> Enrolled:
+def enrolled(
+    enrolment: Recording, most: int, settings: FittingSettings = QUICK, progress: Progress = silent
+) -> Enrolled:
     """The hand in at most `most` pictures of an enrolment, spread evenly over it.
 
     Raises `Unsupported` with the fit's reason where no hand is found.
@@ -54,5 +56,5 @@ def enrolled(enrolment: Recording, most: int, settings: Settings = QUICK, progre
     keys = {frame.key for frame in evenly(frames, most)}
     found = fitted_hand(enrolment.where(lambda frame: frame.key in keys), settings, progress=progress)
     seen = ((each.frame, each.pose) for each in found.sightings)
-    pictures = tuple(Seen(f.pose_key, f.camera, enrolment.observe(f), pose, f.light) for f, pose in seen)
+    pictures = tuple(PosedPicture(f.pose_key, f.camera, enrolment.observe(f), pose, f.light) for f, pose in seen)
     return Enrolled(found.hand, found.shape, pictures)

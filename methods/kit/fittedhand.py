@@ -11,7 +11,7 @@ import torch
 
 from handbench.errors import Unsupported
 from handbench.hand import HandModel, hand_model, hand_of_poses
-from handbench.hand.fitting import QUICK, Picture, Settings, Unfittable, fit, pictures
+from handbench.hand.fitting import QUICK, FittingSettings, HandPicture, Unfittable, fit, pictures
 from handbench.method import Avatar, PosedAvatar, Progress, Recording, silent
 from handbench.recording import Need
 from handbench.render.see.posedmesh import PosedMesh
@@ -40,7 +40,7 @@ class Sighting:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownTexels:
     """What a frame shows of the texture, and the surface that it shows it of, both at the texels of an atlas."""
 
     frame: Frame
@@ -75,17 +75,17 @@ class FittedHand:
         """The texels of the hand's textures of `size` x `size`."""
         return Atlas.of(self.hand.topology(self.level), size)
 
-    def shown(self, enrolment: Recording, size: int) -> Iterator[Shown]:
+    def shown(self, enrolment: Recording, size: int) -> Iterator[ShownTexels]:
         """What each frame shows of a texture of `size` x `size`."""
         atlas = self.atlas(size)
         for sighting in self.sightings:
             surface = TexelSurface.of(PosedMesh(self.mesh(sighting.pose)), atlas)
             seen = enrolment.observe(sighting.frame)
             found = surface.project(sighting.frame.camera, seen.image, needed(seen.alpha, "alpha"), GRAZING)
-            yield Shown(sighting.frame, surface, found)
+            yield ShownTexels(sighting.frame, surface, found)
 
 
-def fitted_hand(enrolment: Recording, settings: Settings = QUICK, progress: Progress = silent) -> FittedHand:
+def fitted_hand(enrolment: Recording, settings: FittingSettings = QUICK, progress: Progress = silent) -> FittedHand:
     """One subject's hand: a hand model fitted to the frames of its enrolment, that of the poses if any are given.
 
     Depth and estimated poses are used where they are given. Frames in which no hand was found are left out. Raises
@@ -110,7 +110,7 @@ def fitted_hand(enrolment: Recording, settings: Settings = QUICK, progress: Prog
     return FittedHand(model, found.shape, min(_LEVEL, model.levels), sightings)
 
 
-def _trusted(picture: Picture) -> Picture:
+def _trusted(picture: HandPicture) -> HandPicture:
     """The picture without the key points that its detector doubts."""
     places = np.where(picture.sure[:, None] < LEAST_SURE, np.nan, picture.key_points)
     return replace(picture, key_points=places)

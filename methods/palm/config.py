@@ -13,7 +13,7 @@ from ..kit.engine import Budget
 
 
 @dataclass(frozen=True)
-class Config:
+class PalmConfig:
     """Everything that can change a prior.
 
     Canonical space
@@ -145,7 +145,7 @@ class Config:
         return Budget(steps, 1, self.rate, self.warmup, betas=(0.9, 0.99))
 
 
-_SEED = Config(
+_SEED = PalmConfig(
     canonical="subject",
     bones=0,
     encoding="hash",
@@ -183,7 +183,7 @@ _SEED = Config(
 )
 
 PRESETS = {
-    "smoke": Config(
+    "smoke": PalmConfig(
         grids=(8, 16),
         plane=32,
         geometry=(32,),
@@ -198,7 +198,7 @@ PRESETS = {
         scattered=24,
         register=False,
     ),
-    "quick": Config(),
+    "quick": PalmConfig(),
     "seed": _SEED,
     # what the authors' code does differently from the seed's text
     "released": replace(

@@ -18,7 +18,7 @@ from handbench.errors import InputError
 from handbench.render.shade.brdf import distribution, mirror
 from handbench.scene import Array
 
-from .light import Sky, frame
+from .light import LightSampler, frame
 from .reflectance import Form, Material, width
 
 Sampling: TypeAlias = Literal["strata", "light", "combined"]
@@ -29,7 +29,7 @@ _LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class DirectionSamples:
     """Directions (D, 3) for all points, or (P, D, 3), and what comes from each, power of the same shape."""
 
     directions: Tensor
@@ -53,13 +53,13 @@ def strata(count: int, rng: np.random.Generator | None = None, sets: int = 1) ->
 
 def gather(
     how: Sampling,
-    sky: Sky,
+    sky: LightSampler,
     count: int,
     points: tuple[Tensor, Tensor, Material],
     form: Form,
     rng: np.random.Generator,
     fresh: bool = False,
-) -> Samples:
+) -> DirectionSamples:
     """`count` directions for points (normal (P, 3), view (P, 3), material), and their power.
 
     "strata" and "light" draw one set for all points, or with `fresh` one for each: noise then takes the place of what
@@ -78,12 +78,12 @@ def gather(
             power = _radiance(sky, towards) / (count * _density(sky, towards)[..., None])
         case "combined":
             return _combined(sky, count, points, form, rng)
-    return Samples(towards, power) if fresh else Samples(towards[0], power[0])
+    return DirectionSamples(towards, power) if fresh else DirectionSamples(towards[0], power[0])
 
 
 def _combined(
-    sky: Sky, count: int, points: tuple[Tensor, Tensor, Material], form: Form, rng: np.random.Generator
-) -> Samples:
+    sky: LightSampler, count: int, points: tuple[Tensor, Tensor, Material], form: Form, rng: np.random.Generator
+) -> DirectionSamples:
     """Half of the directions from the light, the others from the reflectance, each over the density of both."""
     normal, view, material = points
     lit, own = count - count // 2, count // 2
@@ -92,7 +92,7 @@ def _combined(
     towards = torch.cat([from_light, from_skin], dim=1)
     both = lit * _density(sky, towards) + own * _skin_density(towards, normal, view, material, form)
     # a direction below the horizon has no density of the skin, and none of it reflects
-    return Samples(towards, _radiance(sky, towards) / both.clamp_min(1e-12)[..., None])
+    return DirectionSamples(towards, _radiance(sky, towards) / both.clamp_min(1e-12)[..., None])
 
 
 def _stratified(sets: int, count: int, rng: np.random.Generator) -> Array:
@@ -102,11 +102,11 @@ def _stratified(sets: int, count: int, rng: np.random.Generator) -> Array:
     return np.minimum(numbers, np.nextafter(1.0, 0.0)).reshape(-1, 3)
 
 
-def _radiance(sky: Sky, towards: Tensor) -> Tensor:
+def _radiance(sky: LightSampler, towards: Tensor) -> Tensor:
     return sky.radiance(towards.reshape(-1, 3)).float().reshape(towards.shape)
 
 
-def _density(sky: Sky, towards: Tensor) -> Tensor:
+def _density(sky: LightSampler, towards: Tensor) -> Tensor:
     return sky.density(towards.reshape(-1, 3)).float().reshape(towards.shape[:-1])
 
 

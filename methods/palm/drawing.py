@@ -30,7 +30,7 @@ _GRAZING = 0.02
 
 
 @dataclass(frozen=True)
-class Drawing:
+class DrawingSettings:
     """How a posed hand becomes a picture.
 
     places      "surface": first hits of a mesh of the field, one place a pixel; "volume": the march, `scatter` places a
@@ -107,7 +107,7 @@ def pixel_rays(camera: Camera, box: Box) -> tuple[Array, Tensor]:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class PosedPerson:
     """A person's hand in a pose, whoever looks: the field, its mesh in the world with the vertices' canonical places,
     and what hides light."""
 
@@ -118,12 +118,12 @@ class Body:
     own_light: Environment
 
     @staticmethod
-    def of(person: Person, pose: Pose, drawing: Drawing) -> Body:
+    def of(person: Person, pose: Pose, drawing: DrawingSettings) -> PosedPerson:
         posed = person.posed(pose)
         surface = posed.surface(drawing.spacing)
         mesh = PosedMesh(surface.mesh)
         own = person.light.to_environment(*_OWN_LIGHT)
-        return Body(posed, mesh, surface.canonical, _occluder(posed, mesh, drawing), own)
+        return PosedPerson(posed, mesh, surface.canonical, _occluder(posed, mesh, drawing), own)
 
     def holds(self, point: Array) -> bool:
         """Whether a point (3,) of the world is inside; one beside the mesh is told without a search for its roots."""
@@ -135,7 +135,7 @@ class Body:
 class PosedPalm(PosedAvatar):
     """A person's hand in a pose before a camera: the places that scatter light, their materials, and what hides it."""
 
-    def __init__(self, body: Body, camera: Camera, drawing: Drawing) -> None:
+    def __init__(self, body: PosedPerson, camera: Camera, drawing: DrawingSettings) -> None:
         self._body, self._camera, self._drawing = body, camera, drawing
         if body.holds(camera.centre):
             raise Unsupported(f"camera {camera.name!r} is inside the hand; move it away")
@@ -149,10 +149,10 @@ class PosedPalm(PosedAvatar):
         self._gatherer = Gatherer(view.places, body.occluder, drawing.gathering)
 
     @staticmethod
-    def of(person: Person, viewpoint: Viewpoint, drawing: Drawing) -> PosedPalm:
+    def of(person: Person, viewpoint: Viewpoint, drawing: DrawingSettings) -> PosedPalm:
         """The hand of a person. Raises `Unsupported` for a pose that is not given or that a hand cannot take, and for a
         camera inside the hand."""
-        return PosedPalm(Body.of(person, needed(viewpoint.pose, "pose"), drawing), viewpoint.camera, drawing)
+        return PosedPalm(PosedPerson.of(person, needed(viewpoint.pose, "pose"), drawing), viewpoint.camera, drawing)
 
     def seen_by(self, camera: Camera) -> PosedAvatar:
         return PosedPalm(self._body, camera, self._drawing)
@@ -170,7 +170,7 @@ class PosedPalm(PosedAvatar):
         return flat.index_copy(0, self._pixel, values).reshape(*size, -1)
 
 
-def _occluder(posed: PosedHand, mesh: PosedMesh, drawing: Drawing) -> Occluder:
+def _occluder(posed: PosedHand, mesh: PosedMesh, drawing: DrawingSettings) -> Occluder:
     if drawing.visibility == "mesh":
         return MeshOccluder(mesh)
     march = HAND_SCALE if drawing.visibility == "march" else BODY_SCALE

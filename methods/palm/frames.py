@@ -26,7 +26,7 @@ _EDGE = 2  # pixels
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class TrainingCrop:
     """The part of a frame with the hand in it: image (h, w, 3) linear, alpha (h, w), normal (h, w, 3) or None; corner
     (x, y) of its first pixel in the camera's picture."""
 
@@ -97,7 +97,7 @@ class Taken:
     person: int
     shape: Tensor
     pose: Pose
-    pictures: tuple[Picture, ...]
+    pictures: tuple[TrainingCrop, ...]
     bank: Bank
     mesh: Mesh
 
@@ -165,7 +165,7 @@ def _person(
     return found
 
 
-def _picture(frame: Frame, seen: Observation) -> Picture:
+def _picture(frame: Frame, seen: Observation) -> TrainingCrop:
     alpha = needed(seen.alpha, "alpha")
     rows, columns = np.nonzero(alpha > 0)
     if not len(rows):
@@ -177,7 +177,7 @@ def _picture(frame: Frame, seen: Observation) -> Picture:
         return torch.from_numpy(values[box].astype(np.float16))
 
     normal = None if seen.normal is None else part(seen.normal)
-    return Picture(frame.camera, (int(left), int(top)), part(seen.image), part(alpha), normal)
+    return TrainingCrop(frame.camera, (int(left), int(top)), part(seen.image), part(alpha), normal)
 
 
 def drawn(pose: Taken, count: int, patch: int, rng: np.random.Generator) -> Rays:
@@ -185,7 +185,7 @@ def drawn(pose: Taken, count: int, patch: int, rng: np.random.Generator) -> Rays
 
     Raises `Unsupported` for pictures that are smaller than a patch.
     """
-    parts: list[tuple[Picture, Array, Array]] = []
+    parts: list[tuple[TrainingCrop, Array, Array]] = []
     which = rng.integers(len(pose.pictures), size=count)
     for number, picture in enumerate(pose.pictures):
         parts.append((picture, *_pixels(picture, int((which == number).sum()), rng)))
@@ -211,7 +211,7 @@ def drawn(pose: Taken, count: int, patch: int, rng: np.random.Generator) -> Rays
     )
 
 
-def _pixels(picture: Picture, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def _pixels(picture: TrainingCrop, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Rows and columns (count,) of random pixels: of the mask, its edge, and the rest."""
     mask = picture.alpha.numpy() > 0.5
     kinds = [np.flatnonzero(mask), picture.edge, np.flatnonzero(~mask)]
@@ -222,7 +222,7 @@ def _pixels(picture: Picture, count: int, rng: np.random.Generator) -> tuple[Arr
     return row, column
 
 
-def _patch(picture: Picture, side: int, rng: np.random.Generator) -> tuple[Picture, Array, Array]:
+def _patch(picture: TrainingCrop, side: int, rng: np.random.Generator) -> tuple[TrainingCrop, Array, Array]:
     height, width = picture.alpha.shape
     if min(height, width) < side:
         raise Unsupported(

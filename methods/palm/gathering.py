@@ -15,7 +15,7 @@ from handbench.scene import Environment, Group, Light, known_leaves
 from handbench.skips import note, skips
 
 from .directions import Sampling, gather
-from .light import MapSky, Sky
+from .light import LightSampler, MapSampler
 from .reflectance import Form, Material, coloured, responses, seen_through
 from .scattering import Scattering
 from .visibility import Occluder
@@ -61,7 +61,7 @@ class Gatherer:
         rest = Group(tuple(leaf for leaf in leaves if not any(leaf is other for other in sampled)))
         total = self._lights(light_samples(rest, environment_error=self._how.error))
         for leaf in sampled:
-            total = total + self._sampled(MapSky(leaf))
+            total = total + self._sampled(MapSampler(leaf))
         return self.places.total(total)
 
     def _lights(self, lights: LightSet) -> Tensor:
@@ -84,7 +84,7 @@ class Gatherer:
             total += coloured(places.material, seen_through(answers, lit), fallen)
         return total
 
-    def _sampled(self, sky: Sky) -> Tensor:
+    def _sampled(self, sky: LightSampler) -> Tensor:
         """Radiance (N, 3) of the places under a map whose directions are drawn."""
         places, how = self.places, self._how
         assert how.maps != "lights"

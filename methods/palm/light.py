@@ -20,7 +20,7 @@ ENERGY = 0.8 * 2.0 * math.pi
 _FLOOR = 1e-4  # least sharpness
 
 
-class Sky(Protocol):
+class LightSampler(Protocol):
     """Light from all around, and how to draw directions where it is bright."""
 
     def radiance(self, towards: Tensor) -> Tensor:
@@ -36,7 +36,7 @@ class Sky(Protocol):
         ...
 
 
-class GaussianSky:
+class GaussianSampler:
     """Spherical Gaussians; lobes are drawn by the power of their brightest channel."""
 
     def __init__(self, gaussians: SphericalGaussians) -> None:
@@ -71,7 +71,7 @@ class GaussianSky:
         return lobes(self.gaussians.axes, sharp, towards) @ (self._share / integrals(sharp))
 
 
-class MapSky:
+class MapSampler:
     """An environment map; texels are drawn by the power of their brightest channel, evenly within."""
 
     def __init__(self, environment: Environment) -> None:

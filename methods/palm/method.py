@@ -17,10 +17,10 @@ from handbench.settings import UNCHANGED, Changes, changed
 from ..kit.enrolled import enrolled
 from ..kit.weights import load_state, save_state
 from .drawing import PosedPalm
-from .model import Codes, PalmModel
+from .model import LatentCodes, PalmModel
 from .person import Person
 from .personalise import personalised
-from .settings import ABLATIONS, Settings, settings
+from .settings import ABLATIONS, PalmSettings, settings
 from .training import trained
 
 NAME = "palm-net"
@@ -41,7 +41,7 @@ INFO = MethodInfo(
 class PalmAvatar(Avatar):
     """A person as personalisation found them, and the pose that their hand was found in: none of a kept avatar."""
 
-    def __init__(self, name: str, chosen: Settings, person: Person, found: Mapping[str, Pose]) -> None:
+    def __init__(self, name: str, chosen: PalmSettings, person: Person, found: Mapping[str, Pose]) -> None:
         self.person, self._found = person, found
         self._name, self._settings = name, chosen
 
@@ -63,7 +63,7 @@ class PalmAvatar(Avatar):
 _LIGHT = ("axes", "sharpness", "amplitude")
 
 
-def _kept(chosen: Settings) -> dict[str, Any]:
+def _kept(chosen: PalmSettings) -> dict[str, Any]:
     """What a kept prior and its avatars belong to."""
     return {"prior": asdict(chosen.prior), "hand": hand_model().name}
 
@@ -71,7 +71,7 @@ def _kept(chosen: Settings) -> dict[str, Any]:
 class PalmPrior(Prior):
     """Networks, codes of the training's people, and the studio's light."""
 
-    def __init__(self, name: str, chosen: Settings, model: PalmModel) -> None:
+    def __init__(self, name: str, chosen: PalmSettings, model: PalmModel) -> None:
         self.model = model.requires_grad_(False)
         self._name, self._settings = name, chosen
 
@@ -105,7 +105,7 @@ class PalmPrior(Prior):
         shapes |= {"axes": (None, 3), "sharpness": (None,), "amplitude": (None, 3)}
         state = load_state(folder, self._name, _kept(self._settings), shapes)
         light = SphericalGaussians(*(state[name] for name in _LIGHT))
-        codes = Codes(state["phi"], state["psi"])
+        codes = LatentCodes(state["phi"], state["psi"])
         return PalmAvatar(self._name, self._settings, Person(self.model, codes, state["shape"], light), {})
 
 

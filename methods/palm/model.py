@@ -13,7 +13,7 @@ from handbench.hand import HandModel
 from handbench.hand.canonical import WeightField
 from handbench.render.volume import Shell, laplace_density
 
-from .config import Config
+from .config import PalmConfig
 from .encoding import Encoding, HashGrid, TriPlane
 from .fields import Geometry, GeometryField, MaterialField, RadianceField
 from .light import StudioLight
@@ -23,7 +23,7 @@ _LEAST_BETA = 1e-4
 _HASTE = 10.0  # times faster than at Adam's rate the logarithm of beta may change
 
 
-class Codes(NamedTuple):
+class LatentCodes(NamedTuple):
     """One person: geometry φ and appearance ψ."""
 
     geometry: Tensor
@@ -45,7 +45,7 @@ class PalmModel(nn.Module):
 
     drawn: Tensor
 
-    def __init__(self, config: Config, hand: HandModel, people: int) -> None:
+    def __init__(self, config: PalmConfig, hand: HandModel, people: int) -> None:
         super().__init__()
         self.config, self.hand = config, hand
         self.field = WeightField.of(hand, spacing=config.spacing)
@@ -90,11 +90,11 @@ class PalmModel(nn.Module):
     def _shell_around(self, field: WeightField) -> Shell:
         return Shell.around(field.rest.numpy(), self.hand.topology(field.level).faces, self.config.reach)
 
-    def codes(self, person: int) -> Codes:
+    def codes(self, person: int) -> LatentCodes:
         """Those of one of the training's people, in the order in which they first appear."""
-        return Codes(self.phi[person], self.psi[person])
+        return LatentCodes(self.phi[person], self.psi[person])
 
-    def conditions(self, codes: Codes, shape: Tensor, joints: Tensor) -> Conditions:
+    def conditions(self, codes: LatentCodes, shape: Tensor, joints: Tensor) -> Conditions:
         """What the fields see of a person's shape (S,) in a pose (J, 3): not where the hand is in the world."""
         turns = joints.clone()
         turns[0] = 0.0
@@ -142,7 +142,7 @@ class PalmModel(nn.Module):
         return 2.0 * (x - low) / (high - low) - 1.0
 
 
-def _encoding(config: Config, aspect: list[float], features: int | None) -> Encoding:
+def _encoding(config: PalmConfig, aspect: list[float], features: int | None) -> Encoding:
     if config.encoding == "hash":
         of_level = features or config.level_features
         return HashGrid(config.levels, of_level, config.table, config.base, config.finest, aspect)

@@ -13,7 +13,7 @@ from handbench.hand import HandModel
 from handbench.light.gaussians import SphericalGaussians
 from handbench.scene import Pose
 
-from .model import Codes, PalmModel
+from .model import LatentCodes, PalmModel
 from .posed import PosedHand
 
 _BEYOND = np.radians(25.0)
@@ -25,7 +25,7 @@ class Person:
     """One person's codes, shape (S,) of the hand model, and the light that their picture was taken in."""
 
     model: PalmModel
-    codes: Codes
+    codes: LatentCodes
     shape: Tensor
     light: SphericalGaussians
 

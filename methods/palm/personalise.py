@@ -26,13 +26,13 @@ from ..kit.perceptual import perceptual_loss
 from .drawing import pixel_rays
 from .light import StudioLight
 from .losses import cross_entropy
-from .model import Codes, PalmModel
+from .model import LatentCodes, PalmModel
 from .person import Person
 from .pixels import SHARES, near_edge, square
 from .posed import PosedHand, render
 from .reflectance import Form
 from .scattering import Scattering
-from .settings import Fit
+from .settings import PersonaliseSettings
 from .shading import physical
 from .startlight import as_bright, solved, transfer
 from .visibility import MeshOccluder, MovedOccluder
@@ -61,7 +61,9 @@ class Basis:
         return self.origin + coefficients @ self.axes
 
 
-def personalised(model: PalmModel, enrolled: Enrolled, fit: Fit, form: Form, seed: int, progress: Progress) -> Person:
+def personalised(
+    model: PalmModel, enrolled: Enrolled, fit: PersonaliseSettings, form: Form, seed: int, progress: Progress
+) -> Person:
     """The person of an enrolment whose hand was found, by its first picture.
 
     Raises `Unsupported` for a picture whose hand is smaller than a patch, `NonFinite` if a step breaks.
@@ -72,7 +74,7 @@ def personalised(model: PalmModel, enrolled: Enrolled, fit: Fit, form: Form, see
 class _Fitter:
     """One person's unknowns, the crop that they are fitted to, and the steps."""
 
-    def __init__(self, model: PalmModel, enrolled: Enrolled, fit: Fit, form: Form, seed: int) -> None:
+    def __init__(self, model: PalmModel, enrolled: Enrolled, fit: PersonaliseSettings, form: Form, seed: int) -> None:
         self.model, self.fit, self.form = model, fit, form
         seen = enrolled.pictures[0]
         assert seen.observation.alpha is not None
@@ -114,8 +116,8 @@ class _Fitter:
         moves = (self._shapes @ shape, self._free * joints, rotation, translation)
         return tuple(start + move for start, move in zip((self._shape, *self._pose), moves, strict=True))
 
-    def _codes(self) -> Codes:
-        return Codes(*(basis.code(c) for basis, c in zip(self._bases, self._coefficients, strict=True)))
+    def _codes(self) -> LatentCodes:
+        return LatentCodes(*(basis.code(c) for basis, c in zip(self._bases, self._coefficients, strict=True)))
 
     def _rebuild(self) -> None:
         """The posed hand and what it hides, as they stand."""

@@ -17,9 +17,9 @@ from handbench.render.volume import Intervals, Marching, Shell, refined, through
 from handbench.scene import Mesh
 from handbench.skips import note, skips
 
-from .model import Codes, PalmModel
+from .model import LatentCodes, PalmModel
 from .reflectance import Material
-from .surface import Surface, extracted
+from .surface import FieldSurface, extracted
 
 FAR = 1.0
 """Metres that a signed distance has where no canonical place is known."""
@@ -33,7 +33,7 @@ class PosedHand:
     """
 
     def __init__(
-        self, model: PalmModel, codes: Codes, shape: Tensor, joints: Tensor, rotation: Tensor, translation: Tensor
+        self, model: PalmModel, codes: LatentCodes, shape: Tensor, joints: Tensor, rotation: Tensor, translation: Tensor
     ) -> None:
         self.model, self.codes = model, codes
         self.shape, self.joints = shape, joints
@@ -140,7 +140,7 @@ class PosedHand:
         """What the hand is made of at canonical places (N, 3)."""
         return self.model.material(x, self.model.geometry(x, self.conditions).feature, self.conditions)
 
-    def surface(self, spacing: float = 2e-3) -> Surface:
+    def surface(self, spacing: float = 2e-3) -> FieldSurface:
         """The surface as a mesh in the world, see `extracted`."""
         return extracted(self, spacing)
 

@@ -9,8 +9,8 @@ from typing import Any, Literal
 from handbench.errors import InputError, unknown_name
 
 from .config import PRESETS as PRIORS
-from .config import Config
-from .drawing import Drawing
+from .config import PalmConfig
+from .drawing import DrawingSettings
 from .gathering import Gathering
 
 
@@ -39,7 +39,7 @@ class FitRates:
 
 
 @dataclass(frozen=True)
-class Fit:
+class PersonaliseSettings:
     """How a person is found in a picture.
 
     steps        of Adam, with `rays` and a patch of `patch` x `patch` pixels each (0: none); side: of the crop
@@ -77,15 +77,15 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Settings:
+class PalmSettings:
     """One preset. What is changed in `prior` trains anew."""
 
-    prior: Config
-    fit: Fit
-    drawing: Drawing
+    prior: PalmConfig
+    fit: PersonaliseSettings
+    drawing: DrawingSettings
 
 
-_QUICK = Fit(
+_QUICK = PersonaliseSettings(
     steps=160,
     rays=192,
     patch=16,
@@ -101,22 +101,24 @@ _QUICK = Fit(
     weights=FitWeights(radiance=0.0, physical=1.0),
     rates=FitRates(code=0.04, pose=1e-4, shape=5e-3, light=0.02),
 )
-_PAPER = Drawing(places="volume", scatter=64, visibility="march", gathering=Gathering(maps="light", directions=4096))
+_PAPER = DrawingSettings(
+    places="volume", scatter=64, visibility="march", gathering=Gathering(maps="light", directions=4096)
+)
 _FITS = {
     "smoke": replace(_QUICK, steps=12, rays=64, side=72, samples=32, components=2, rebuild=12),
     "quick": _QUICK,
-    "seed": Fit(),
-    "released": Fit(),
-    "hand-scale": Fit(samples=256, places=1),
+    "seed": PersonaliseSettings(),
+    "released": PersonaliseSettings(),
+    "hand-scale": PersonaliseSettings(samples=256, places=1),
 }
 _DRAWINGS = {
-    "smoke": Drawing(spacing=4e-3, supersample=2),
-    "quick": Drawing(),
+    "smoke": DrawingSettings(spacing=4e-3, supersample=2),
+    "quick": DrawingSettings(),
     "seed": _PAPER,
     "released": replace(_PAPER, visibility="body-march"),
     "hand-scale": _PAPER,
 }
-PRESETS = {name: Settings(prior, _FITS[name], _DRAWINGS[name]) for name, prior in PRIORS.items()}
+PRESETS = {name: PalmSettings(prior, _FITS[name], _DRAWINGS[name]) for name, prior in PRIORS.items()}
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ ABLATIONS: dict[str, Ablation] = {
 """Those of the seed's Sec. 7."""
 
 
-def settings(preset: str, ablation: str | None) -> Settings:
+def settings(preset: str, ablation: str | None) -> PalmSettings:
     """The settings of a preset and an ablation; `InputError` with the closest names for unknown ones."""
     if preset not in PRESETS:
         raise unknown_name("preset of palm-net", preset, PRESETS)

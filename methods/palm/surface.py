@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class FieldSurface:
     """A mesh in the world, and where its vertices are in canonical space, (V, 3)."""
 
     mesh: Mesh
@@ -26,7 +26,7 @@ class Surface:
 
 
 @torch.no_grad()
-def extracted(posed: PosedHand, spacing: float) -> Surface:
+def extracted(posed: PosedHand, spacing: float) -> FieldSurface:
     """The zero level of f_g in a pose, from nodes `spacing` metres apart that are within reach of the skin at rest.
 
     Nodes that are farther are taken to be inside or outside as the skin at rest has them. Faces turn outwards; sheets
@@ -50,4 +50,4 @@ def extracted(posed: PosedHand, spacing: float) -> Surface:
         raise NonFinite(f"palm: the geometry field has no surface near the hand ({error}); train longer") from error
     canonical = lattice.low + torch.from_numpy(found.copy()).float() * lattice.step
     world = posed.placed(posed.deformation.forward(canonical))
-    return Surface(Mesh(world.double().numpy(), Topology(faces.astype(np.int32))), canonical)
+    return FieldSurface(Mesh(world.double().numpy(), Topology(faces.astype(np.int32))), canonical)

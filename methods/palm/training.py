@@ -1,9 +1,9 @@
 """Training of PALM-Net's prior: geometry on scans first, then everything on pictures, physical colours last.
 
-What a run of minutes on a CPU needs and the seed does not do, each named in `Config`: poses and shapes are registered
-to scans; geometry is begun on points around scans (`geometry_steps`, `scan_points`), as the released code begins it on
-points around MANO's meshes, where the seed has images, normals and masks only; all people share one canonical space.
-Random gamma and colour jitter, which the seed lists and the code does not have, are left out.
+What a run of minutes on a CPU needs and the seed does not do, each named in `PalmConfig`: poses and shapes are
+registered to scans; geometry is begun on points around scans (`geometry_steps`, `scan_points`), as the released code
+begins it on points around MANO's meshes, where the seed has images, normals and masks only; all people share one
+canonical space. Random gamma and colour jitter, which the seed lists and the code does not have, are left out.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from handbench.render.see.posedmesh import PosedMesh
 
 from ..kit.engine import Player, fit
 from . import losses
-from .config import Config
+from .config import PalmConfig
 from .frames import Taken, drawn, taken
 from .model import PalmModel
 from .posed import PosedHand, Rendering, render
@@ -31,7 +31,7 @@ from .visibility import MeshOccluder
 _SCALE = 5e-3  # metres of a scan's distance that cost one
 
 
-def trained(config: Config, hand: HandModel, recording: Recording, seed: int, progress: Progress) -> PalmModel:
+def trained(config: PalmConfig, hand: HandModel, recording: Recording, seed: int, progress: Progress) -> PalmModel:
     """The model that learned from a recording.
 
     Raises `NonFinite`, which names the step and each term's value, as soon as one is not finite; `Unsupported` for a

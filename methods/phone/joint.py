@@ -16,7 +16,7 @@ from handbench.light.environment import directions
 from handbench.light.harmonics import cosine_lobe, harmonics
 from handbench.scene import Array
 
-from .unwrap import Lit
+from .unwrap import UnwrappedPicture
 
 DEGREE = 2
 _TRUSTED = 0.1  # relative residual from which a texel counts less: it is in shadow, or a highlight
@@ -41,7 +41,7 @@ def irradiance(normal: Array) -> Array:
     return harmonics(normal, DEGREE) * cosine_lobe(DEGREE)
 
 
-def decomposed(pictures: Sequence[Lit], mean: Array, foreground: Array, rounds: int = 8) -> Decomposed:
+def decomposed(pictures: Sequence[UnwrappedPicture], mean: Array, foreground: Array, rounds: int = 8) -> Decomposed:
     """Light and albedo of pictures by alternating least squares.
 
     They start from the mean texture (3, N): over a turn the light evens out, and what is lighter in it is lighter skin.
@@ -59,7 +59,7 @@ def decomposed(pictures: Sequence[Lit], mean: Array, foreground: Array, rounds: 
     return Decomposed(colour, light)
 
 
-def _light(pictures: Sequence[Lit], colour: Array, trust: Sequence[Array]) -> Array:
+def _light(pictures: Sequence[UnwrappedPicture], colour: Array, trust: Sequence[Array]) -> Array:
     """The light (9, 3) that explains the pictures best, its irradiance nowhere negative."""
     normal, right = np.zeros((3, 9, 9)), np.zeros((3, 9))
     for picture, sure in zip(pictures, trust, strict=True):
@@ -87,13 +87,13 @@ def _nonnegative(light: Array) -> Array:
 _EVERYWHERE = directions(16, 32).reshape(-1, 3)
 
 
-def _mean_shading(pictures: Sequence[Lit], light: Array) -> Array:
+def _mean_shading(pictures: Sequence[UnwrappedPicture], light: Array) -> Array:
     """The mean (3,) of the light's irradiance over what pictures show."""
     total = sum(picture.weight @ irradiance(picture.normal) for picture in pictures)
     return (total @ light) / sum(picture.weight.sum() for picture in pictures)
 
 
-def _colour(pictures: Sequence[Lit], light: Array, trust: Sequence[Array]) -> Array:
+def _colour(pictures: Sequence[UnwrappedPicture], light: Array, trust: Sequence[Array]) -> Array:
     """The colours (3, N) that explain the pictures best; zero where there are none."""
     top, bottom = np.zeros_like(pictures[0].colour), np.zeros_like(pictures[0].colour)
     for picture, sure in zip(pictures, trust, strict=True):
@@ -103,7 +103,7 @@ def _colour(pictures: Sequence[Lit], light: Array, trust: Sequence[Array]) -> Ar
     return np.maximum(np.divide(top, bottom, out=np.zeros_like(top), where=bottom > 0), 0.0)
 
 
-def _trust(picture: Lit, colour: Array, light: Array) -> Array:
+def _trust(picture: UnwrappedPicture, colour: Array, light: Array) -> Array:
     """The weights (N,) of a robust fit: one where a picture is explained, less the more it is not."""
     told = colour * (irradiance(picture.normal) @ light).T
     residual = np.abs(picture.colour - told).sum(axis=0) / np.maximum(told.sum(axis=0), 1e-6)

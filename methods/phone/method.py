@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from handbench.errors import unknown_name
-from handbench.hand.fitting import QUICK, THOROUGH, Settings
+from handbench.hand.fitting import QUICK, THOROUGH, FittingSettings
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.see.raster import rasterise
@@ -61,7 +61,7 @@ class PhoneConfig:
     thorough: bool = False
 
     @property
-    def fitting(self) -> Settings:
+    def fitting(self) -> FittingSettings:
         return THOROUGH if self.thorough else QUICK
 
 

@@ -19,7 +19,7 @@ from ..kit.fittedhand import FittedHand
 
 
 @dataclass(frozen=True)
-class Lit:
+class UnwrappedPicture:
     """One picture at the N texels of an atlas: colour (3, N), unit normal (N, 3) in the world, and weight (N,), zero
     where the picture does not show the texel."""
 
@@ -35,7 +35,7 @@ class Unwrapped:
 
     hand: FittedHand
     atlas: Atlas
-    pictures: tuple[Lit, ...]
+    pictures: tuple[UnwrappedPicture, ...]
     mean: Array
     seen: Array
     foreground: Array
@@ -61,6 +61,6 @@ def unwrapped(hand: FittedHand, enrolment: Recording, size: int) -> Unwrapped:
         alpha = needed(seen.alpha, "alpha")
         total += seen.image[alpha > 0.5].sum(axis=0, dtype=np.float64)
         count += float((alpha > 0.5).sum())
-    pictures = tuple(Lit(each.seen.colour, each.surface.normal, each.seen.weight) for each in shown)
+    pictures = tuple(UnwrappedPicture(each.seen.colour, each.surface.normal, each.seen.weight) for each in shown)
     foreground = np.maximum(total / count, 1e-6)
     return Unwrapped(hand, hand.atlas(size), pictures, mean.colour, mean.seen, foreground)

@@ -16,7 +16,7 @@ _L2 = 0.0016 * 255.0**2  # the released weight of the L2 loss, for images of 0..
 
 
 @dataclass(frozen=True)
-class Config:
+class RelightableHandsConfig:
     """Everything that can change a result.
 
     texture             side of all UV maps in texels, a multiple of 32 (five halvings)
@@ -63,15 +63,17 @@ class Config:
 
 
 PRESETS = {
-    "smoke": Config(texture=64, steps=20, warmup=5, environment_lights=8),
-    "ablation": Config(steps=600),
-    "quick": Config(),
-    "standard": Config(texture=256, steps=20_000, rate=(1e-3, 1e-4), environment_lights=128),
-    "paper": Config(texture=1024, steps=400_000, rate=(5e-4, 5e-4), warmup=0, lights=(5,), environment_lights=512),
+    "smoke": RelightableHandsConfig(texture=64, steps=20, warmup=5, environment_lights=8),
+    "ablation": RelightableHandsConfig(steps=600),
+    "quick": RelightableHandsConfig(),
+    "standard": RelightableHandsConfig(texture=256, steps=20_000, rate=(1e-3, 1e-4), environment_lights=128),
+    "paper": RelightableHandsConfig(
+        texture=1024, steps=400_000, rate=(5e-4, 5e-4), warmup=0, lights=(5,), environment_lights=512
+    ),
 }
 
 
-def configuration(preset: str) -> Config:
+def configuration(preset: str) -> RelightableHandsConfig:
     """The settings of a preset; `InputError` with the closest names for an unknown one."""
     if preset not in PRESETS:
         raise unknown_name("preset of relightablehands", preset, PRESETS)

@@ -20,8 +20,8 @@ from handbench.skips import note, skips
 
 from ..kit.picture import prediction
 from ..kit.untaught import Untaught
-from .config import Config, configuration
-from .model import RelightableHandsModel, Seen, lit
+from .config import RelightableHandsConfig, configuration
+from .model import RelightableHandsModel, ViewedTexels, lit
 from .training import train
 
 _KEPT_BYTES = 64 << 20  # of responses; one takes 130 kB at 128 texels
@@ -59,7 +59,7 @@ class PosedRelightableHands(PosedAvatar):
         self._model, self._viewpoint = model, viewpoint
         self._surface = surface or PosedSurface(needed(viewpoint.mesh, "mesh"), model.config.texture, model.device)
         self._raster = rasterise(self._surface.mesh, viewpoint.camera)
-        self._seen = Seen.of(self._surface, viewpoint.camera.centre, needed(viewpoint.pose, "pose").joints)
+        self._seen = ViewedTexels.of(self._surface, viewpoint.camera.centre, needed(viewpoint.pose, "pose").joints)
         self._kept: OrderedDict[bytes, Tensor] = OrderedDict()  # by direction or position
 
     def seen_by(self, camera: Camera) -> PosedAvatar:
@@ -115,7 +115,7 @@ def _some(lights: LightSet, rows: Array) -> LightSet:
 
 
 class RelightableHands(Untaught):
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: RelightableHandsConfig) -> None:
         super().__init__(INFO, asdict(config), lambda *given: RelightableHandsAvatar(train(config, *given)))
 
 

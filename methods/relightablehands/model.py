@@ -13,7 +13,7 @@ from handbench.render.uv.surface import unit
 from handbench.scene import Array
 
 from ..kit.layers import channels_last
-from .config import Bias, Config
+from .config import Bias, RelightableHandsConfig
 from .frames import tangent_frames
 from .networks import TextureDecoder
 
@@ -34,7 +34,7 @@ def coloured(texture: Tensor, shadow: Tensor, bias: Bias) -> tuple[Tensor, Tenso
 
 
 @dataclass(frozen=True)
-class Seen:
+class ViewedTexels:
     """A pose in a camera: the texels' positions (3, N) and frames (3, 3, N), the view direction in these (3, N), joint
     rotations (J, 3)."""
 
@@ -45,12 +45,12 @@ class Seen:
     atlas: Atlas
 
     @staticmethod
-    def of(posed: PosedSurface, centre: Array, joints: Array) -> Seen:
+    def of(posed: PosedSurface, centre: Array, joints: Array) -> ViewedTexels:
         frames = tangent_frames(posed)
         device = posed.position.device
         view = unit(torch.as_tensor(centre, dtype=torch.float32, device=device)[:, None] - posed.position)
         rotations = torch.from_numpy(joints.copy()).float().to(device)
-        return Seen(posed.position, frames, (frames * view).sum(dim=1), rotations, posed.atlas)
+        return ViewedTexels(posed.position, frames, (frames * view).sum(dim=1), rotations, posed.atlas)
 
 
 class RelightableHandsModel(nn.Module):
@@ -62,7 +62,7 @@ class RelightableHandsModel(nn.Module):
 
     exposure: Tensor
 
-    def __init__(self, config: Config, joints: int, exposure: float) -> None:
+    def __init__(self, config: RelightableHandsConfig, joints: int, exposure: float) -> None:
         super().__init__()
         self.config = config
         self.decoder = TextureDecoder(3 * joints, config.texture)
@@ -75,7 +75,7 @@ class RelightableHandsModel(nn.Module):
         return self.exposure.device
 
     def responses(
-        self, seen: Seen, directions: Array, visible: Tensor, positions: Array | None = None
+        self, seen: ViewedTexels, directions: Array, visible: Tensor, positions: Array | None = None
     ) -> tuple[Tensor, Tensor]:
         """Radiance (L, 3, N) of the texels under each of L lights of unit power, and what goes into the ReLU of Eq. 7.
 

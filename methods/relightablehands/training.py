@@ -17,13 +17,15 @@ from handbench.scene.colour import unclipped_srgb
 from ..kit.engine import Player, fit, light_weights
 from ..kit.perceptual import perceptual_loss
 from ..kit.views import TrainingView, views
-from .config import Config
-from .model import NEAREST, RelightableHandsModel, Seen, lit
+from .config import RelightableHandsConfig
+from .model import NEAREST, RelightableHandsModel, ViewedTexels, lit
 
 _BRIGHT = 0.99  # the share of the hand's values that are darker than 128 of 255
 
 
-def train(config: Config, recording: Recording, seed: int = 0, progress: Progress = silent) -> RelightableHandsModel:
+def train(
+    config: RelightableHandsConfig, recording: Recording, seed: int = 0, progress: Progress = silent
+) -> RelightableHandsModel:
     """The model of the recording's one subject.
 
     Raises `Unsupported` for a recording without single-light and group frames, `NonFinite` as soon as a step's loss or
@@ -69,7 +71,7 @@ class Lesson:
 
     def __init__(self, model: RelightableHandsModel, seen: list[TrainingView]) -> None:
         self.model, self.views = model, seen
-        self._seen = [Seen.of(view.posed, view.centre, view.joints.cpu().numpy()) for view in seen]
+        self._seen = [ViewedTexels.of(view.posed, view.centre, view.joints.cpu().numpy()) for view in seen]
 
     def losses(self, sample: int, rng: np.random.Generator) -> Mapping[str, Tensor]:
         """L2, perceptual and negative-colour loss on one view under a random combination of its lights.

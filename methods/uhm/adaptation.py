@@ -20,7 +20,7 @@ from handbench.scene import Array, Mesh, Pose
 
 from ..kit.colourspace import to_display, to_model
 from ..kit.crop import Crop
-from ..kit.enrolled import Enrolled, Seen
+from ..kit.enrolled import Enrolled, PosedPicture
 from ..kit.perceptual import patch, perceptual_loss
 from .config import UhmConfig
 
@@ -92,7 +92,7 @@ class _Adaptation:
         self._random = np.random.default_rng([29, seed])
         self._weight = config.weights.variation * (config.texture / _FULL) ** 2
 
-    def _picture(self, seen: Seen) -> _Picture:
+    def _picture(self, seen: PosedPicture) -> _Picture:
         observation, config = seen.observation, self.config
         assert observation.alpha is not None
         crop = Crop.of(seen.camera, observation.image, observation.alpha, config.side)

@@ -9,7 +9,7 @@ from handbench.light.spread import ENVIRONMENT_ERROR
 
 
 @dataclass(frozen=True)
-class Weights:
+class UhmWeights:
     """What the losses weigh: L1 and perceptual ones of pictures, the shadows' distance from none, and squared total
     variation at 1,024 texels a side; in the refinement L1 and perceptual ones weigh ten times as much."""
 
@@ -44,7 +44,7 @@ class UhmConfig:
     space: Literal["linear", "display"] = "linear"
     gloss: float | None = None
     environment_error: float = ENVIRONMENT_ERROR
-    weights: Weights = field(default_factory=Weights)
+    weights: UhmWeights = field(default_factory=UhmWeights)
 
 
 _PAPER = UhmConfig(

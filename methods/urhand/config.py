@@ -16,7 +16,7 @@ _BYTE = 255.0  # the papers weigh losses of images of 0..255, ours are 0..1
 
 
 @dataclass(frozen=True)
-class Config:
+class UrhandConfig:
     """Everything that can change a result.
 
     Training
@@ -109,13 +109,15 @@ class Config:
 
 
 PRESETS = {
-    "smoke": Config(texture=64, steps=30, warmup=10),
-    "ablation": Config(steps=600, warmup=150),
-    "quick": Config(),
-    "standard": Config(texture=256, steps=20_000, rate=(5e-4, 3e-5)),
-    "paper": Config(texture=1024, steps=2_000_000, batch=24, rate=(1e-4, 3e-5), lights=(5,), environment_error=0.0),
+    "smoke": UrhandConfig(texture=64, steps=30, warmup=10),
+    "ablation": UrhandConfig(steps=600, warmup=150),
+    "quick": UrhandConfig(),
+    "standard": UrhandConfig(texture=256, steps=20_000, rate=(5e-4, 3e-5)),
+    "paper": UrhandConfig(
+        texture=1024, steps=2_000_000, batch=24, rate=(1e-4, 3e-5), lights=(5,), environment_error=0.0
+    ),
     # what the authors' released training code does differently from their paper and its supplement
-    "released": Config(
+    "released": UrhandConfig(
         texture=1024,
         steps=400_000,
         rate=(1e-4, 1e-4),
@@ -132,7 +134,7 @@ PRESETS = {
 }
 
 
-def configuration(preset: str) -> Config:
+def configuration(preset: str) -> UrhandConfig:
     """The settings of a preset; `InputError` with the closest names for an unknown one."""
     if preset not in PRESETS:
         raise unknown_name("preset of urhand", preset, PRESETS)

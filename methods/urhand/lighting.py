@@ -12,12 +12,12 @@ from handbench.light.lightset import LightSet
 from handbench.render.shade.shading import light_features
 from handbench.scene import Array
 
-from .config import Config
+from .config import UrhandConfig
 from .released import released_features
 
 
 def features(
-    config: Config,
+    config: UrhandConfig,
     normal: Tensor,
     roughness: Tensor,
     position: Tensor,

@@ -28,7 +28,7 @@ from ..kit.views import visibility
 from ..kit.weights import load_state, save_state
 from ..reflectance.model import FULLY_LIT, normalised_texture
 from . import lighting
-from .config import Config, configuration
+from .config import UrhandConfig, configuration
 from .model import URHandModel
 from .training import train
 
@@ -136,7 +136,7 @@ class URHandPrior(Prior):
 
 
 class URHand(Method):
-    def __init__(self, config: Config, info: MethodInfo = INFO) -> None:
+    def __init__(self, config: UrhandConfig, info: MethodInfo = INFO) -> None:
         self.info = info
         self._config = config
 

@@ -14,12 +14,12 @@ from handbench.render.uv.posed import PosedSurface
 
 from ..kit.layers import channels_last
 from . import lighting
-from .config import Config
+from .config import UrhandConfig
 from .networks import HALVINGS, EnvironmentEncoder, FeatureEncoder, NeuralBranch, PhysicalBranch
 
 
 @dataclass(frozen=True)
-class Material:
+class RefinedMaps:
     """What the networks make of a pose alone: refined unit normal (3, N), roughness (N), and the maps that modulate
     the layers of the neural branch's decoder, none without that branch."""
 
@@ -35,7 +35,7 @@ class URHandModel(nn.Module):
     is on the `device` of the parameters.
     """
 
-    def __init__(self, config: Config, joints: int) -> None:
+    def __init__(self, config: UrhandConfig, joints: int) -> None:
         super().__init__()
         self.config = config
         self.physical = PhysicalBranch(3 * joints)
@@ -49,7 +49,7 @@ class URHandModel(nn.Module):
             self.neural = NeuralBranch(encoder, activated, config.bias_scale)
         channels_last(self)
 
-    def material(self, texture: Tensor, joints: Tensor, posed: PosedSurface) -> Material:
+    def material(self, texture: Tensor, joints: Tensor, posed: PosedSurface) -> RefinedMaps:
         """Refined normal and roughness of a posed surface from the normalised mean texture (3, R, R), pose (J, 3)."""
         with self._precision():
             raw_displacement, raw_roughness, joint = self.physical(
@@ -60,17 +60,17 @@ class URHandModel(nn.Module):
         low, high = config.roughness
         roughness = low + (high - low) * torch.sigmoid(atlas.gather(raw_roughness.float()[0, 0]))
         if not config.refiner:
-            return Material(posed.normal, roughness, modulation)
+            return RefinedMaps(posed.normal, roughness, modulation)
         # the paper's sigmoid, centred: a constant displacement only thickens the hand
         sigmoid = torch.sigmoid(atlas.gather(raw_displacement.float()[0]))
-        return Material(posed.relief.refined(config.displacement * (2.0 * sigmoid - 1.0)), roughness, modulation)
+        return RefinedMaps(posed.relief.refined(config.displacement * (2.0 * sigmoid - 1.0)), roughness, modulation)
 
     def physical_colour(self, features: Tensor, texture: Tensor, atlas: Atlas) -> Tensor:
         """The physical branch's own picture (3, N): C^d T + C^s (Eq. 3)."""
         return features[:3] * atlas.gather(texture) + features[3:]
 
     def colour(
-        self, features: Tensor, lights: LightSet, material: Material, texture: Tensor, atlas: Atlas
+        self, features: Tensor, lights: LightSet, material: RefinedMaps, texture: Tensor, atlas: Atlas
     ) -> tuple[Tensor, list[Tensor]]:
         """The final picture's texture (3, N), g T + b sigma_T (Eq. 6), and the encoder's maps (for Eq. 9)."""
         if not self.config.neural:
@@ -80,7 +80,7 @@ class URHandModel(nn.Module):
         return scale * (gain * atlas.gather(texture) + bias * self.config.bias_scale), encoded
 
     def response(
-        self, features: Tensor, lights: LightSet, material: Material, atlas: Atlas
+        self, features: Tensor, lights: LightSet, material: RefinedMaps, atlas: Atlas
     ) -> tuple[Tensor, Tensor, list[Tensor]]:
         """Gain and bias at the texels, (3, N) each, and the encoder's maps.
 

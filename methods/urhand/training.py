@@ -21,7 +21,7 @@ from ..kit.perceptual import patch, perceptual_loss
 from ..kit.views import TrainingView, views
 from ..reflectance.model import normalised_texture
 from . import lighting
-from .model import Material, URHandModel
+from .model import RefinedMaps, URHandModel
 
 _CONDITIONS = 2  # Phong's diffuse and specular shading, mean of the colours
 
@@ -128,7 +128,7 @@ class Lesson:
         return view.draw(torch.stack([kind.mean(dim=0) for kind in shaded]))[None]
 
     def _inconsistency(
-        self, view: TrainingView, material: Material, features: Tensor, weights: Array, rng: np.random.Generator
+        self, view: TrainingView, material: RefinedMaps, features: Tensor, weights: Array, rng: np.random.Generator
     ) -> Tensor:
         """How far the network is from linear (supp. Eq. 8), root mean square over gain and bias."""
         lights, visible, _ = view.lit_by(weights)

@@ -13,7 +13,7 @@ from handbench.light.lightset import light_samples
 from handbench.method import Recording
 from handbench.methods.ablations import ABLATIONS
 from handbench.methods.urhand import create
-from handbench.methods.urhand.config import PRESETS, Config
+from handbench.methods.urhand.config import PRESETS, UrhandConfig
 from handbench.methods.urhand.lighting import environment_map
 from handbench.methods.urhand.method import URHand
 from handbench.methods.urhand.model import URHandModel
@@ -25,7 +25,7 @@ SMOKE = PRESETS["smoke"]
 
 
 def test_overrides_name_fields_and_change_them() -> None:
-    base = asdict(Config())
+    base = asdict(UrhandConfig())
     for name, ablation in ABLATIONS.items():
         assert ablation.overrides, name
         for field, value in ablation.overrides.items():

@@ -10,12 +10,12 @@ import pytest
 
 from benchmarks.fitting import Sitter, sitter
 from handbench.errors import Unsupported
-from handbench.hand.fitting import Picture, Settings
+from handbench.hand.fitting import FittingSettings, HandPicture
 from handbench.methods.kit.fittedhand import FITTABLE, FittedHand, fitted_hand
 from handbench.recording import Recording
 from handbench.scene import Frame, Observation, Pose, Unknown, Viewpoint
 
-find = partial(fitted_hand, settings=Settings(level=0, starts=1, steps=10))
+find = partial(fitted_hand, settings=FittingSettings(level=0, starts=1, steps=10))
 
 
 @pytest.fixture(scope="module")
@@ -24,11 +24,11 @@ def someone() -> Sitter:
 
 
 @pytest.fixture(scope="module")
-def picture(someone: Sitter) -> Picture:
+def picture(someone: Sitter) -> HandPicture:
     return someone.picture(np.random.default_rng(0), depth=True)
 
 
-def recorded(someone: Sitter, *pictures: Picture, gives: frozenset = FITTABLE | {"depth"}, sure: float = 1.0):
+def recorded(someone: Sitter, *pictures: HandPicture, gives: frozenset = FITTABLE | {"depth"}, sure: float = 1.0):
     """The enrolment that consists of these pictures."""
     lit = "room", None, None, someone.camera, Unknown("room"), "scan", "environment"
     frames = [Frame("s01", f"moment-{i}", *lit) for i in range(len(pictures))]
@@ -45,7 +45,7 @@ def recorded(someone: Sitter, *pictures: Picture, gives: frozenset = FITTABLE | 
 
 
 @pytest.fixture(scope="module")
-def found(someone: Sitter, picture: Picture) -> FittedHand:
+def found(someone: Sitter, picture: HandPicture) -> FittedHand:
     nothing = replace(picture, key_points=np.full((21, 2), np.nan))
     return find(recorded(someone, picture, nothing))
 
@@ -62,7 +62,9 @@ def test_frames_without_a_hand_are_left_out(someone: Sitter, found: FittedHand) 
     assert [sighting.frame.pose_name for sighting in found.sightings] == ["moment-0"]
 
 
-def test_what_a_frame_shows_has_the_colour_of_its_picture(someone: Sitter, picture: Picture, found: FittedHand) -> None:
+def test_what_a_frame_shows_has_the_colour_of_its_picture(
+    someone: Sitter, picture: HandPicture, found: FittedHand
+) -> None:
     (shown,) = found.shown(recorded(someone, picture, picture), 64)
     seen = shown.seen.weight > 0
     assert 0.15 < seen.mean() < 0.7, "one side of the hand"
@@ -79,14 +81,14 @@ def test_what_a_frame_shows_has_the_colour_of_its_picture(someone: Sitter, pictu
     ],
 )
 def test_what_cannot_be_fitted_is_a_reason(
-    someone: Sitter, picture: Picture, change: dict, sure: float, reason: str
+    someone: Sitter, picture: HandPicture, change: dict, sure: float, reason: str
 ) -> None:
     scaled = {"depth": picture.depth * change["depth"]} if "depth" in change else change
     with pytest.raises(Unsupported, match=reason):
         find(recorded(someone, replace(picture, **scaled), sure=sure))
 
 
-def test_key_points_that_are_not_given_are_a_reason(someone: Sitter, picture: Picture) -> None:
+def test_key_points_that_are_not_given_are_a_reason(someone: Sitter, picture: HandPicture) -> None:
     with pytest.raises(Unsupported, match="the set of key points is not given"):
         find(recorded(someone, picture, gives=frozenset({"image", "alpha", "camera"})))
 

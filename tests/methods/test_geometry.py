@@ -18,11 +18,11 @@ from handbench.errors import InputError, Unsupported
 from handbench.hand.openhand import OpenHand, sample_pose
 from handbench.method import Recording
 from handbench.methods.geometry import GeometryPrior, Tracker, Tracking, create
-from handbench.methods.geometry.config import Config
+from handbench.methods.geometry.config import GeometryConfig
 from handbench.methods.geometry.model import _NEAR, GeometryModel
 from handbench.methods.geometry.networks import divergence
 from handbench.methods.geometry.neutral import neutral, warped
-from handbench.methods.geometry.scan import depth_maps, picture, scan
+from handbench.methods.geometry.scan import depth_maps, picture, point_cloud
 from handbench.methods.geometry.skeleton import directions, posed_points, regressor
 from handbench.methods.geometry.training import Lesson, closest, laplacian
 from handbench.methods.kit.weights import save_state
@@ -31,7 +31,7 @@ from handbench.metrics.geometry.surface import surface_distances
 from handbench.scene import Camera, Frame, Mesh, Observation, Pose
 from handbench.studies.geometry.study import geometry_report, run
 
-SMALL = Config(image=32, depth=32, points=400, steps=4, warmup=1, code=8)
+SMALL = GeometryConfig(image=32, depth=32, points=400, steps=4, warmup=1, code=8)
 HAND = OpenHand.load()
 
 
@@ -51,7 +51,7 @@ def prior(lit: Recording) -> GeometryPrior:
     return Tracker(SMALL).train(lit)
 
 
-def model(config: Config = SMALL) -> GeometryModel:
+def model(config: GeometryConfig = SMALL) -> GeometryModel:
     torch.manual_seed(0)
     return GeometryModel(config, HAND, level=1)
 
@@ -148,7 +148,7 @@ def test_laplacian_of_a_constant_is_zero_and_of_a_spike_is_not() -> None:
 def test_scans_lie_on_the_tracked_surface(lit: Recording) -> None:
     """Truth has creases and the tracked mesh noise; a wrong half pixel or axis would show as 1 mm and more."""
     for frame in lit.frames[:4]:
-        distances = surface_distances(frame.mesh, scan([(frame, lit.observe(frame))]).points)
+        distances = surface_distances(frame.mesh, point_cloud([(frame, lit.observe(frame))]).points)
         assert distances.mean() < 0.25 and np.percentile(distances, 99) < 1.5
 
 
@@ -232,7 +232,7 @@ def test_it_overfits_one_pose(lit: Recording) -> None:
     geometry = found.track(found.identify(one), one)
     truth = one.frames[0].mesh
     start = HAND.mesh(HAND.neutral(), one.frames[0].pose, 1).vertices
-    points = scan([(f, one.observe(f)) for f in one.frames]).points
+    points = point_cloud([(f, one.observe(f)) for f in one.frames]).points
     assert point_error(geometry.mesh.vertices, truth.vertices) < min(2.0, 0.7 * point_error(start, truth.vertices))
     assert surface_distances(geometry.mesh, points).mean() < 0.4
 
@@ -340,7 +340,7 @@ def test_another_hand_model(lit: Recording) -> None:
 def test_settings_that_make_no_sense() -> None:
     for bad in ({"image": 100}, {"code": 0}, {"scale": (0.0, 1.0)}, {"warp": -1.0}):
         with pytest.raises(InputError, match=f"geometry: {next(iter(bad))}"):
-            Config(**bad)
+            GeometryConfig(**bad)
     with pytest.raises(InputError, match="did you mean 'quick'"):
         create("quik")
 

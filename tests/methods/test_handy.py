@@ -30,8 +30,8 @@ from handbench.methods.handy.generator import LAYERS, SIZE, Generator, Modulated
 from handbench.methods.handy.inversion import inverted
 from handbench.methods.handy.lobe import lobe
 from handbench.methods.handy.method import HandyAvatar
-from handbench.methods.handy.pictures import Shot, Sitting, sitting
-from handbench.methods.kit.enrolled import Enrolled, Seen
+from handbench.methods.handy.pictures import DisplayCrop, Sitting, sitting
+from handbench.methods.kit.enrolled import Enrolled, PosedPicture
 from handbench.metrics.networks import features, weights
 from handbench.recording import PARTS, Recording
 from handbench.render.uv.atlas import Atlas
@@ -177,7 +177,7 @@ def seen(capture: Any) -> Sitting:
 
 
 @pytest.fixture(scope="module")
-def drawn(seen: Sitting) -> tuple[torch.Tensor, tuple[Shot, ...]]:
+def drawn(seen: Sitting) -> tuple[torch.Tensor, tuple[DisplayCrop, ...]]:
     """A known albedo, and the pictures with what it looks like in them."""
     made = shipped()
     code = 0.7 * torch.randn(1, made.code, generator=torch.Generator().manual_seed(4))
@@ -195,7 +195,7 @@ def off(found: torch.Tensor, true: torch.Tensor) -> float:
 
 
 @pytest.mark.parametrize("space", ["w", "w+", "pca"])
-def test_a_texture_is_found_in_pictures_of_it(space: Any, drawn: tuple[torch.Tensor, tuple[Shot, ...]]) -> None:
+def test_a_texture_is_found_in_pictures_of_it(space: Any, drawn: tuple[torch.Tensor, tuple[DisplayCrop, ...]]) -> None:
     albedo, shots = drawn
     start = unclipped_linear(shipped()(torch.zeros(1, shipped().code))[0])
     found, exposure = inverted(shipped(), shots, replace(CONFIG, space=space), 0, silent)
@@ -204,10 +204,10 @@ def test_a_texture_is_found_in_pictures_of_it(space: Any, drawn: tuple[torch.Ten
 
 
 def test_shading_ends_in_the_albedo_where_pictures_are_drawn_without_their_light(
-    drawn: tuple[torch.Tensor, tuple[Shot, ...]],
+    drawn: tuple[torch.Tensor, tuple[DisplayCrop, ...]],
 ) -> None:
     albedo, shots = drawn
-    bare = [Shot(shot.image, shot.inside, shot.raster) for shot in shots]
+    bare = [DisplayCrop(shot.image, shot.inside, shot.raster) for shot in shots]
     found, exposure = inverted(shipped(), bare, CONFIG, 0, silent)
     lit, _ = inverted(shipped(), shots, CONFIG, 0, silent)
     assert off(found, albedo) > 1.5 * off(lit, albedo)
@@ -217,7 +217,7 @@ def test_shading_ends_in_the_albedo_where_pictures_are_drawn_without_their_light
 
 
 def test_the_same_seed_gives_the_same_texture_and_another_start_another(
-    drawn: tuple[torch.Tensor, tuple[Shot, ...]],
+    drawn: tuple[torch.Tensor, tuple[DisplayCrop, ...]],
 ) -> None:
     config = replace(CONFIG, start="random", steps=3)
     one, two, other = (inverted(shipped(), drawn[1], config, seed, silent)[0] for seed in (3, 3, 4))
@@ -229,11 +229,11 @@ class Stop(Exception):
 
 
 def test_an_inversion_that_was_stopped_goes_on_as_if_it_had_not_been(
-    drawn: tuple[torch.Tensor, tuple[Shot, ...]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    drawn: tuple[torch.Tensor, tuple[DisplayCrop, ...]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("handbench.methods.kit.checkpoint.EVERY", 0.0)
     config = replace(CONFIG, steps=22, batch=1)
-    bare = [Shot(shot.image, shot.inside, shot.raster) for shot in drawn[1]]
+    bare = [DisplayCrop(shot.image, shot.inside, shot.raster) for shot in drawn[1]]
 
     def stop(step: int, total: int, **values: float) -> None:
         raise Stop
@@ -333,7 +333,7 @@ def test_where_no_mesh_is_given_the_hand_is_fitted_and_posed(
 ) -> None:
     told = enrolment(capture)
     posed = [(frame, told.observe(frame)) for frame in told.frames]
-    seen = tuple(Seen(f.pose_key, f.camera, o, needed(f.pose, "pose"), f.light) for f, o in posed)
+    seen = tuple(PosedPicture(f.pose_key, f.camera, o, needed(f.pose, "pose"), f.light) for f, o in posed)
     hand = Enrolled(hand_model(), needed(told.frames[0].shape, "shape"), seen)
     monkeypatch.setattr(pictures, "enrolled", lambda *_, **__: hand)
     method = handy.create_ggx("smoke")

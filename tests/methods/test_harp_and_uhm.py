@@ -23,7 +23,7 @@ from handbench.data.openstage.plans import production
 from handbench.data.openstage.presets import PRESETS
 from handbench.errors import InputError, Unsupported
 from handbench.hand import hand_model
-from handbench.hand.fitting import Settings
+from handbench.hand.fitting import FittingSettings
 from handbench.method import Avatar
 from handbench.methods import harp, uhm
 from handbench.methods.harp import method as harp_method
@@ -35,10 +35,10 @@ from handbench.methods.harp.losses import jitter, upright
 from handbench.methods.harp.method import HarpAvatar
 from handbench.methods.harp.shadow import visibility
 from handbench.methods.harp.start import lit_from
-from handbench.methods.harp.surface import Surface, mapped
+from handbench.methods.harp.surface import HandSurface, mapped
 from handbench.methods.kit.albedo import Canvas, flat
 from handbench.methods.kit.crop import Crop
-from handbench.methods.kit.enrolled import Enrolled, Seen, enrolled
+from handbench.methods.kit.enrolled import Enrolled, PosedPicture, enrolled
 from handbench.methods.uhm import method as uhm_method
 from handbench.methods.uhm.adaptation import adapted
 from handbench.methods.uhm.config import PRESETS as UHM
@@ -97,7 +97,7 @@ def sequence(wild: Capture) -> Recording:
 @pytest.fixture(scope="module")
 def avatars(sequence: Recording) -> dict[str, Avatar]:
     """Both, personalised as a bench does; the hand is fitted once for the two."""
-    start = enrolled(sequence, 2, Settings(steps=16))
+    start = enrolled(sequence, 2, FittingSettings(steps=16))
     with pytest.MonkeyPatch.context() as patch:
         for where in (harp_method, uhm_method):
             patch.setattr(where, "enrolled", lambda *_: start)
@@ -219,7 +219,7 @@ def camera(width: int = 72, height: int = 96) -> Camera:
 def toy() -> tuple[Enrolled, torch.Tensor]:
     """Two exact poses of a hand that is not exact, with stripes, and the true albedo (3, N)."""
     hand = hand_model()
-    shape, surface = np.asarray(hand.neutral()), Surface(hand, 1)
+    shape, surface = np.asarray(hand.neutral()), HandSurface(hand, 1)
     atlas = Atlas.of(surface.topology, 64)
     height = torch.from_numpy(atlas.interpolate(hand.rest_position(1))[:, 1])
     stripes = torch.tensor([0.5, 0.3, 0.2])[:, None] * (1.0 + 0.4 * torch.sign(torch.sin(120.0 * height)))
@@ -234,7 +234,7 @@ def toy() -> tuple[Enrolled, torch.Tensor]:
         visible = torch.from_numpy(visibility(canvas.surface.mesh, LIGHT, points, 128)).float()
         light, raw = torch.from_numpy(LIGHT).float(), torch.tensor(np.log(AMBIENT / (1 - AMBIENT))).float()
         drawn = canvas.drawn(flat(albedo, canvas) * shade(canvas.position.T, canvas.normal.T, visible, light, raw))
-        seen.append(Seen("me/pose", camera(), Observation(drawn.image, drawn.alpha), pose))
+        seen.append(PosedPicture("me/pose", camera(), Observation(drawn.image, drawn.alpha), pose))
     return Enrolled(hand, shape, tuple(seen)), stripes
 
 
@@ -389,7 +389,7 @@ def test_normal_maps_turn_normals_in_orthonormal_frames() -> None:
 
 def test_tangents_are_where_u_grows() -> None:
     hand = hand_model()
-    surface = Surface(hand, 0)
+    surface = HandSurface(hand, 0)
     vertices = torch.tensor(hand.rest_position(0)).float()
     along = surface.tangents(vertices)
     uvs, uv_faces = surface.topology.unwrapped

@@ -13,7 +13,7 @@ from handbench.errors import Unsupported
 from handbench.hand.openhand import OpenHand
 from handbench.light.gaussians import SphericalGaussians
 from handbench.methods.palm import drawing
-from handbench.methods.palm.drawing import Drawing, PosedPalm
+from handbench.methods.palm.drawing import DrawingSettings, PosedPalm
 from handbench.methods.palm.gathering import Gathering
 from handbench.methods.palm.person import Person, check_pose
 from handbench.scene import Camera, Directional, Environment, Point, Pose, Unknown, Viewpoint
@@ -52,8 +52,8 @@ def analytic(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_first_hits_and_the_march_draw_one_picture() -> None:
-    surface = PosedPalm.of(person(), viewpoint(), Drawing())
-    volume = PosedPalm.of(person(), viewpoint(), Drawing(places="volume", visibility="march"))
+    surface = PosedPalm.of(person(), viewpoint(), DrawingSettings())
+    volume = PosedPalm.of(person(), viewpoint(), DrawingSettings(places="volume", visibility="march"))
     for light in (SUN, Point(np.array([0.2, 0.2, 0.3]), np.array([0.3, 0.2, 0.2]))):
         first, second = surface.relight(light), volume.relight(light)
         inner = (first.alpha > 0.99) & (second.alpha > 0.99)
@@ -64,7 +64,7 @@ def test_first_hits_and_the_march_draw_one_picture() -> None:
 
 def test_the_picture_is_the_reflectance_of_the_ball() -> None:
     """Lambert and the lobe at the point that a pixel's middle sees, worked out apart."""
-    found = PosedPalm.of(person(), viewpoint(), Drawing(spacing=1e-3)).relight(SUN)
+    found = PosedPalm.of(person(), viewpoint(), DrawingSettings(spacing=1e-3)).relight(SUN)
     row, column = 30, 27
     towards = np.linalg.inv(CAMERA.K) @ [column + 0.5, row + 0.5, 1.0] @ CAMERA.rotation
     towards /= np.linalg.norm(towards)
@@ -90,28 +90,28 @@ def test_what_is_seen_faces_the_viewer() -> None:
     assert torch.allclose(turned[cosine > 0.02], normal[cosine > 0.02])
     assert torch.allclose(torch.linalg.cross(normal, view, dim=1).mul(turned).sum(dim=1), torch.zeros(500).double())
     lamp = Directional(np.array([0.0, 0.0, 1.0]), np.ones(3))
-    found = PosedPalm.of(person(), viewpoint(), Drawing()).relight(lamp)
+    found = PosedPalm.of(person(), viewpoint(), DrawingSettings()).relight(lamp)
     assert (found.image[found.alpha > 0] > 0).all()
 
 
 def test_the_mesh_of_the_picture_is_told() -> None:
     place = (0.003, -0.005, 0.01)
-    found = PosedPalm.of(person(), viewpoint(place), Drawing()).relight(SUN)
+    found = PosedPalm.of(person(), viewpoint(place), DrawingSettings()).relight(SUN)
     distance = np.linalg.norm(found.mesh.vertices - place, axis=1)
     assert distance == pytest.approx(np.full(len(distance), RADIUS), rel=1e-5)
 
 
 def test_a_known_pose_answers_alike_whatever_it_drew_before() -> None:
-    posed = PosedPalm.of(person(), viewpoint(), Drawing())
+    posed = PosedPalm.of(person(), viewpoint(), DrawingSettings())
     room = Environment("room", np.random.default_rng(0).uniform(0.0, 1.0, (16, 32, 3)))
     first = posed.relight(room)
     posed.relight(SUN)
-    again, fresh = posed.relight(room), PosedPalm.of(person(), viewpoint(), Drawing()).relight(room)
+    again, fresh = posed.relight(room), PosedPalm.of(person(), viewpoint(), DrawingSettings()).relight(room)
     assert np.array_equal(first.image, again.image) and np.array_equal(first.image, fresh.image)
 
 
 def test_unknown_light_is_the_persons_own() -> None:
-    posed = PosedPalm.of(person(), viewpoint(), Drawing(gathering=Gathering(error=0.0)))
+    posed = PosedPalm.of(person(), viewpoint(), DrawingSettings(gathering=Gathering(error=0.0)))
     own = posed.relight(Unknown("as enrolled")).image
     given = posed.relight(LIGHT.to_environment(32, 64)).image
     assert np.abs(own - given).mean() < 0.02 * given.mean()
@@ -119,7 +119,7 @@ def test_unknown_light_is_the_persons_own() -> None:
 
 def test_what_cannot_be_drawn_is_refused() -> None:
     with pytest.raises(Unsupported, match="inside the hand"):
-        PosedPalm.of(person(), viewpoint((0.0, 0.0, 0.41)), Drawing())
+        PosedPalm.of(person(), viewpoint((0.0, 0.0, 0.41)), DrawingSettings())
     pose = HAND.named_pose("rest")
     with pytest.raises(Unsupported, match="has 3 joints"):
         check_pose(HAND, Pose(pose.joints[:3]))
@@ -130,5 +130,5 @@ def test_what_cannot_be_drawn_is_refused() -> None:
 
 
 def test_a_hand_out_of_sight_is_an_empty_picture() -> None:
-    found = PosedPalm.of(person(), viewpoint((5.0, 0.0, 0.0)), Drawing()).relight(SUN)
+    found = PosedPalm.of(person(), viewpoint((5.0, 0.0, 0.0)), DrawingSettings()).relight(SUN)
     assert not found.alpha.any() and not found.image.any()

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from handbench.errors import InputError
 from handbench.hand import hand_model
-from handbench.methods.palm.config import PRESETS, Config
+from handbench.methods.palm.config import PRESETS, PalmConfig
 from handbench.methods.palm.encoding import Encoding, HashGrid, TriPlane
 from handbench.methods.palm.fields import Conditioned, GeometryField, LipschitzLinear, MaterialField
 from handbench.methods.palm.model import PalmModel
@@ -196,10 +196,10 @@ def test_presets_say_what_the_seed_and_the_code_say() -> None:
     with pytest.raises(InputError, match="quick"):
         settings("quik", None)
     with pytest.raises(InputError, match="bones"):
-        Config(bones=9)
+        PalmConfig(bones=9)
     with pytest.raises(InputError, match="beta"):
-        Config(beta=0.0)
+        PalmConfig(beta=0.0)
     with pytest.raises(InputError, match="places"):
-        Config(places=0)
+        PalmConfig(places=0)
     with pytest.raises(InputError, match="hidden layer"):
-        Config(geometry=())
+        PalmConfig(geometry=())

@@ -15,13 +15,13 @@ from handbench.errors import NonFinite, Unsupported
 from handbench.hand.openhand import OpenHand
 from handbench.light.gaussians import SphericalGaussians
 from handbench.method import silent
-from handbench.methods.kit.enrolled import Enrolled, Seen
+from handbench.methods.kit.enrolled import Enrolled, PosedPicture
 from handbench.methods.palm import personalise
 from handbench.methods.palm.drawing import pixel_rays
 from handbench.methods.palm.light import StudioLight
 from handbench.methods.palm.personalise import Basis, personalised
 from handbench.methods.palm.scattering import Scattering
-from handbench.methods.palm.settings import Fit, FitRates, FitWeights
+from handbench.methods.palm.settings import FitRates, FitWeights, PersonaliseSettings
 from handbench.methods.palm.shading import shared
 from handbench.methods.palm.startlight import solved
 from handbench.scene import Camera, Observation
@@ -34,7 +34,7 @@ CAMERA = Camera(
 )
 PSI = torch.tensor([[0.2, -0.3, -0.8], [0.9, 0.4, 0.1], [-0.6, -1.0, -1.4], [0.4, 0.1, -0.3]])
 TRUE = PSI.mean(dim=0) + 0.5 * (PSI[1] - PSI[2]) / 2.0
-QUICK = Fit(
+QUICK = PersonaliseSettings(
     steps=40,
     rays=120,
     patch=12,
@@ -94,7 +94,7 @@ def enrolled() -> Enrolled:
     image, alpha = picture(Ball(torch.zeros(3), torch.sigmoid(TRUE)), lamp())
     observation = Observation(image.reshape(40, 40, 3).numpy(), alpha.reshape(40, 40).clamp(0, 1).numpy())
     pose = replace(HAND.named_pose("rest"), translation=np.array([0.003, 0.0, 0.0]))
-    return Enrolled(HAND, np.asarray(HAND.neutral()), (Seen("s1/rest", CAMERA, observation, pose),))
+    return Enrolled(HAND, np.asarray(HAND.neutral()), (PosedPicture("s1/rest", CAMERA, observation, pose),))
 
 
 def test_albedo_place_and_light_are_found_together() -> None:

@@ -12,18 +12,18 @@ from handbench.data.openstage import open_capture
 from handbench.errors import InputError
 from handbench.hand import hand_model
 from handbench.method import Recording
-from handbench.methods.kit.enrolled import Enrolled, Seen
+from handbench.methods.kit.enrolled import Enrolled, PosedPicture
 from handbench.methods.palm.method import Palm, PalmAvatar, PalmPrior
 from handbench.methods.palm.model import PalmModel
 from handbench.methods.palm.personalise import personalised
-from handbench.methods.palm.settings import PRESETS, Settings
+from handbench.methods.palm.settings import PRESETS, PalmSettings
 from handbench.methods.palm.training import trained
 from handbench.scene import Camera, Environment, Frame, Unknown, Viewpoint, needed
 
 LONG = ("seed", "released", "hand-scale")
 
 
-def small(chosen: Settings) -> Settings:
+def small(chosen: PalmSettings) -> PalmSettings:
     """A preset with a few small tables, networks, rays and steps; what it does stays what it is."""
     prior, fit, drawing = chosen.prior, chosen.fit, chosen.drawing
     prior = replace(
@@ -47,7 +47,7 @@ def small(chosen: Settings) -> Settings:
     )
     fit = replace(fit, steps=3, rays=12, patch=8, side=48, samples=8, components=2, rebuild=2)
     gathering = replace(drawing.gathering, directions=4)
-    return Settings(prior, fit, replace(drawing, scatter=1, spacing=8e-3, supersample=1, gathering=gathering))
+    return PalmSettings(prior, fit, replace(drawing, scatter=1, spacing=8e-3, supersample=1, gathering=gathering))
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_a_long_preset_goes_from_scans_to_a_relit_picture(name: str, scan: tuple
     assert ("scan" in told) == (chosen.prior.geometry_steps > 0)  # none of them looks at scans afterwards
     prior = PalmPrior("palm-net", chosen, model)
     pose, shape = needed(frame.pose, "pose"), needed(frame.shape, "shape")
-    seen = Enrolled(hand_model(), shape, (Seen("s25/pose-0", frame.camera, recording.observe(frame), pose),))
+    seen = Enrolled(hand_model(), shape, (PosedPicture("s25/pose-0", frame.camera, recording.observe(frame), pose),))
     fitted = set[str]()
     form = chosen.drawing.gathering.form
     person = personalised(prior.model, seen, chosen.fit, form, 0, lambda step, total, **values: fitted.update(values))

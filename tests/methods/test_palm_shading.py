@@ -14,7 +14,7 @@ from handbench.errors import InputError
 from handbench.light.environment import directions, solid_angles
 from handbench.light.gaussians import SphericalGaussians
 from handbench.methods.palm.directions import Sampling, gather, strata
-from handbench.methods.palm.light import ENERGY, GaussianSky, MapSky, Sky, StudioLight
+from handbench.methods.palm.light import ENERGY, GaussianSampler, LightSampler, MapSampler, StudioLight
 from handbench.methods.palm.reflectance import Form, Material, coloured, responses
 from handbench.methods.palm.scattering import Scattering
 from handbench.methods.palm.shading import dealt, shared
@@ -37,19 +37,19 @@ def points(count: int, seed: int = 0) -> tuple[Tensor, Tensor, Material]:
     return n, v, Material(values[:, :3], values[:, 3], values[:, 4])
 
 
-def sky(kind: str) -> Sky:
+def sky(kind: str) -> LightSampler:
     rng = np.random.default_rng(3)
     if kind == "map":
         radiance = rng.uniform(0.0, 0.3, (16, 32, 3))
         radiance[3, 7] = 40.0
-        return MapSky(Environment("a lamp in a room", radiance))
+        return MapSampler(Environment("a lamp in a room", radiance))
     axes = rng.normal(size=(5, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     parts = (axes, rng.uniform(0.5, 40.0, 5), rng.uniform(0.1, 2.0, (5, 3)))
-    return GaussianSky(SphericalGaussians(*(torch.from_numpy(part).float() for part in parts)))
+    return GaussianSampler(SphericalGaussians(*(torch.from_numpy(part).float() for part in parts)))
 
 
-def brute_force(light: Sky, normal: Tensor, view: Tensor, material: Material, form: Form) -> Tensor:
+def brute_force(light: LightSampler, normal: Tensor, view: Tensor, material: Material, form: Form) -> Tensor:
     power = light.radiance(TOWARDS).float() * SOLID[:, None]
     return coloured(material, responses(normal, view, material.roughness, TOWARDS, form), power)
 
@@ -111,7 +111,7 @@ def test_white_furnace_is_the_models_own_value(roughness: float, angle: float) -
         normal[0].double().numpy(), view[0].double().numpy(), fine, np.ones(3), roughness, 0.0, "released"
     )
     expected = solid_angles(256, 512).ravel() @ one
-    room = MapSky(Environment("white", np.ones((4, 8, 3))))
+    room = MapSampler(Environment("white", np.ones((4, 8, 3))))
     found = brute_force(room, normal, view, white, "released")
     assert found[0].numpy() == pytest.approx(expected, rel=3e-3)
     assert 1.015 < float(found[0, 0]) < 1.055
@@ -140,11 +140,11 @@ def test_the_light_is_found_by_its_importance_and_a_narrow_lobe_by_the_skins() -
     errors = {how: _error(how, sky("map"), where) for how in ("strata", "light", "combined")}
     assert errors["light"] < 0.5 * errors["strata"]
     shiny = (where[0], where[1], Material(torch.full((6, 3), 0.9), torch.full((6,), 0.1), torch.ones(6)))
-    wide = GaussianSky(SphericalGaussians(torch.tensor([[0.0, 1.0, 0.0]]), torch.tensor([0.3]), torch.ones(1, 3)))
+    wide = GaussianSampler(SphericalGaussians(torch.tensor([[0.0, 1.0, 0.0]]), torch.tensor([0.3]), torch.ones(1, 3)))
     assert _error("combined", wide, shiny) < 0.5 * _error("light", wide, shiny)
 
 
-def _error(how: Sampling, light: Sky, where: tuple[Tensor, Tensor, Material]) -> float:
+def _error(how: Sampling, light: LightSampler, where: tuple[Tensor, Tensor, Material]) -> float:
     expected = brute_force(light, *where, "released")
     found = []
     for seed in range(12):
@@ -181,7 +181,7 @@ def test_gradients_reach_the_light_and_the_material() -> None:
     albedo = material.albedo.clone().requires_grad_()
     own = Material(albedo, material.roughness, material.metallic)
     samples = gather(
-        "strata", GaussianSky(learned.gaussians()), 32, (normal, view, own), "released", np.random.default_rng(0)
+        "strata", GaussianSampler(learned.gaussians()), 32, (normal, view, own), "released", np.random.default_rng(0)
     )
     coloured(own, responses(normal, view, own.roughness, samples.directions), samples.power).sum().backward()
     assert albedo.grad is not None and albedo.grad.abs().sum() > 0
@@ -237,7 +237,7 @@ class Wall(Occluder):
 def test_colour_of_rays_is_unbiased_with_shadows(way: str) -> None:
     """Against every place under every direction."""
     whole, light = places(4, 3), sky("gaussians")
-    assert isinstance(light, GaussianSky)
+    assert isinstance(light, GaussianSampler)
     answers = responses(whole.normal, whole.view, whole.material.roughness, TOWARDS)
     power = light.radiance(TOWARDS) * (SOLID * (TOWARDS[:, 0] <= 0))[:, None]
     expected = whole.total(coloured(whole.material, answers, power))

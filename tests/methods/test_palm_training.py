@@ -18,7 +18,7 @@ from handbench.hand import hand_model
 from handbench.method import Recording, silent
 from handbench.methods.kit import checkpoint
 from handbench.methods.kit.engine import Player, fit
-from handbench.methods.palm.config import PRESETS, Config
+from handbench.methods.palm.config import PRESETS, PalmConfig
 from handbench.methods.palm.frames import Taken, drawn, taken
 from handbench.methods.palm.model import PalmModel
 from handbench.methods.palm.pixels import square
@@ -44,7 +44,7 @@ def poses(recording: Recording) -> list[Taken]:
     return taken(recording.where(lambda frame: frame.pose_name == "pose-0"), hand_model(), False, 0)
 
 
-def _train(recording: Recording, config: Config = SHORT) -> tuple[PalmModel, list[tuple[int, dict[str, float]]]]:
+def _train(recording: Recording, config: PalmConfig = SHORT) -> tuple[PalmModel, list[tuple[int, dict[str, float]]]]:
     told: list[tuple[int, dict[str, float]]] = []
     model = trained(config, hand_model(), recording, 0, lambda step, total, **values: told.append((step, values)))
     return model, told

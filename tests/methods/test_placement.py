@@ -18,9 +18,9 @@ from handbench.hand.openhand import OpenHand, named_pose
 from handbench.light.lightset import LightSet
 from handbench.methods.geometry.config import configuration as geometry_preset
 from handbench.methods.geometry.model import GeometryModel
-from handbench.methods.geometry.scan import Scan
+from handbench.methods.geometry.scan import PointCloud
 from handbench.methods.relightablehands.config import PRESETS as RELIGHTABLE
-from handbench.methods.relightablehands.model import RelightableHandsModel, Seen, lit
+from handbench.methods.relightablehands.model import RelightableHandsModel, ViewedTexels, lit
 from handbench.methods.urhand import lighting
 from handbench.methods.urhand.config import configuration
 from handbench.methods.urhand.model import URHandModel
@@ -86,7 +86,7 @@ def test_relightablehands_stays_on_its_device(mesh: Mesh) -> None:
     model = RelightableHandsModel(config, 20, 0.3).eval().to(META)
     with all_on_meta():
         surface = PosedSurface(mesh, config.texture, META)
-        seen = Seen.of(surface, np.ones(3), np.zeros((20, 3)))
+        seen = ViewedTexels.of(surface, np.ones(3), np.zeros((20, 3)))
         visible = torch.ones(4, surface.atlas.count, device=META)
         responses, _ = model.responses(seen, LIGHTS.directions, visible, LIGHTS.positions)
         assert lit(responses, np.ones((4, 3))).device == META
@@ -120,7 +120,7 @@ def test_the_geometry_autoencoder_stays_on_its_device() -> None:
     with all_on_meta(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(torch.sparse, "mm", product)
         points = np.asarray(hand.points)
-        mean, _ = model.encode(Scan(np.zeros((4, 3)), np.eye(4, 3), np.ones(4)), points)
+        mean, _ = model.encode(PointCloud(np.zeros((4, 3)), np.eye(4, 3), np.ones(4)), points)
         shape = model.shape(mean)
         beyond = model.beyond(torch.zeros(3, size.image, size.image), camera, points, told)
         posed = model.posed(shape, told, beyond)

@@ -14,10 +14,10 @@ from handbench.checkpoint import checkpoints_in
 from handbench.errors import InputError, Unsupported
 from handbench.method import Avatar, Recording
 from handbench.methods.kit.views import TrainingView, views
-from handbench.methods.relightablehands.config import PRESETS, Config
+from handbench.methods.relightablehands.config import PRESETS, RelightableHandsConfig
 from handbench.methods.relightablehands.frames import tangent_frames
 from handbench.methods.relightablehands.method import RelightableHands, RelightableHandsAvatar
-from handbench.methods.relightablehands.model import RelightableHandsModel, Seen, coloured
+from handbench.methods.relightablehands.model import RelightableHandsModel, ViewedTexels, coloured
 from handbench.methods.relightablehands.training import exposure, train
 from handbench.registry import METHODS
 from handbench.render.uv.posed import PosedSurface
@@ -104,7 +104,9 @@ def test_a_turned_hand_under_turned_light_and_camera_answers_alike(training: Rec
         posed = PosedSurface(Mesh(vertices, frame.mesh.topology), SMOKE.texture)
         visible = torch.ones(1, posed.atlas.count)
         answers.append(
-            model.responses(Seen.of(posed, centre, frame.pose.joints), towards[None], visible)[0].detach().numpy()
+            model.responses(ViewedTexels.of(posed, centre, frame.pose.joints), towards[None], visible)[0]
+            .detach()
+            .numpy()
         )
     assert np.abs(answers[0] - answers[1]).max() < 1e-4 * answers[0].max()
 
@@ -169,7 +171,7 @@ def test_training_lowers_its_loss_below_the_mean_picture(training: Recording, se
     assert told[-1]["l2"] < 0.7 * told[0]["l2"]
     error, floor = [], []
     for view in seen:
-        surface = Seen.of(view.posed, view.centre, view.joints.numpy())
+        surface = ViewedTexels.of(view.posed, view.centre, view.joints.numpy())
         with torch.no_grad():
             answers, _ = model.responses(surface, view.directions, view.visible)
         truth = view.images.float()
@@ -259,9 +261,9 @@ def test_near_lights_add_to_distant_ones_and_are_kept(
 
 def test_settings_that_cannot_work() -> None:
     with pytest.raises(InputError, match="texture 100 is no multiple of 32"):
-        Config(texture=100)
+        RelightableHandsConfig(texture=100)
     with pytest.raises(InputError, match="environment_lights is 0"):
-        Config(environment_lights=0)
+        RelightableHandsConfig(environment_lights=0)
     with pytest.raises(InputError, match="did you mean 'quick'"):
         METHODS.load("relightablehands")(preset="quik")
 

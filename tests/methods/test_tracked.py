@@ -18,13 +18,13 @@ from handbench.data.capture import Capture
 from handbench.errors import InputError, NonFinite, Unsupported
 from handbench.hand.openhand.model import OpenHand
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
-from handbench.methods.geometry.config import Config
+from handbench.methods.geometry.config import GeometryConfig
 from handbench.methods.geometry.method import TrackedMethod, TrackedPrior
 from handbench.methods.geometry.tracker import Tracker, Tracking
 from handbench.registry import METHODS
 from handbench.scene import Frame, Light, Observation, Pose, Prediction, Query, Viewpoint
 
-SMALL = Config(image=32, depth=32, points=400, steps=4, warmup=1, code=8)
+SMALL = GeometryConfig(image=32, depth=32, points=400, steps=4, warmup=1, code=8)
 
 
 class Spy(Method):

@@ -14,7 +14,7 @@ from handbench.method import Recording
 from handbench.methods.kit.views import views
 from handbench.methods.reflectance import physical
 from handbench.methods.urhand import lighting
-from handbench.methods.urhand.config import PRESETS, Config
+from handbench.methods.urhand.config import PRESETS, UrhandConfig
 from handbench.methods.urhand.method import URHand
 from handbench.methods.urhand.model import URHandModel
 from handbench.methods.urhand.networks import (
@@ -93,7 +93,7 @@ def test_the_neural_branch_starts_as_the_physical_one(training: Recording, seed:
 
 def test_texture_must_halve_six_times() -> None:
     with pytest.raises(InputError, match="texture 100 is no multiple of 64"):
-        Config(texture=100)
+        UrhandConfig(texture=100)
 
 
 def test_training_pictures_are_exact_sums(training: Recording) -> None:

@@ -16,10 +16,10 @@ from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Recording
 from handbench.methods.kit.views import TrainingView, views
 from handbench.methods.relightablehands.config import PRESETS as HANDS_PRESETS
-from handbench.methods.relightablehands.model import RelightableHandsModel, Seen, lit
+from handbench.methods.relightablehands.model import RelightableHandsModel, ViewedTexels, lit
 from handbench.methods.relightablehands.training import exposure
 from handbench.methods.relightablehands.training import train as train_hands
-from handbench.methods.urhand.config import PRESETS, Config
+from handbench.methods.urhand.config import PRESETS, UrhandConfig
 from handbench.methods.urhand.method import URHand
 from handbench.render.shade.shading import light_features
 from handbench.scene import Directional, Frame, Group, Light, Observation, Point
@@ -161,7 +161,7 @@ def test_dark_pictures_are_left_out(everything: Recording) -> None:
     ],
     ids=lambda config: f"{config.encoder}-{config.shading}-{config.shadows}-{config.network}",
 )
-def test_urhand_trains_on_groups_alone(grouped: Recording, config: Config) -> None:
+def test_urhand_trains_on_groups_alone(grouped: Recording, config: UrhandConfig) -> None:
     avatar = URHand(replace(config, steps=6, warmup=2)).train(grouped, 0).personalise(grouped)
     frame = grouped.of_kind("full").frames[0]
     drawn, truth = avatar.relight(frame).image, grouped.observe(frame).image
@@ -208,7 +208,7 @@ def test_relightablehands_sees_a_far_light_as_a_distant_one(everything: Recordin
     view = views(everything.of_kind("olat"), 64)[0]
     torch.manual_seed(0)
     model = RelightableHandsModel(HANDS_PRESETS["smoke"], len(view.joints), 0.3)
-    surface, visible = Seen.of(view.posed, view.centre, view.joints.numpy()), view.visible
+    surface, visible = ViewedTexels.of(view.posed, view.centre, view.joints.numpy()), view.visible
     assert visible is not None
     direction, middle = view.directions[:1], view.posed.position.mean(dim=1).numpy()
     with torch.no_grad():

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from .fit import Fit, Fitted, fit
-from .picture import Picture
+from .picture import HandPicture
 from .problems import Problem, Unfittable
 from .recorded import pictures
-from .single import QUICK, THOROUGH, Settings
-from .terms import Weights
+from .single import QUICK, THOROUGH, FittingSettings
+from .terms import TermWeights
 
 __all__ = [
     "QUICK",
     "THOROUGH",
     "Fit",
     "Fitted",
-    "Picture",
+    "FittingSettings",
+    "HandPicture",
     "Problem",
-    "Settings",
+    "TermWeights",
     "Unfittable",
-    "Weights",
     "fit",
     "pictures",
 ]

@@ -14,7 +14,7 @@ from .picture import CloseUp
 from .placed import Placed
 from .problems import Problem
 from .rig import Rest
-from .single import Settings, Single, again
+from .single import FittingSettings, Single, again
 from .solve import State
 from .space import Space
 from .starts import SKIN, distance, starts
@@ -104,7 +104,7 @@ def other_ways(
     views: Mapping[int, CloseUp],
     ours: Mapping[int, Single],
     mirrors: Mapping[int, float],
-    settings: Settings,
+    settings: FittingSettings,
 ) -> Problem | None:
     """Whether the hand of the other side, or a longer focal length, explains the pictures better; `mirrors` are what
     mirror images of some of them cost."""
@@ -146,7 +146,7 @@ def distance_guessed(views: Sequence[CloseUp], hands: Sequence[Placed]) -> Probl
     return Problem("distance", views[0].picture.name, text, fatal=False)
 
 
-def _from_afar(space: Space, view: CloseUp, own: Single, settings: Settings, times: float = 2.0) -> float:
+def _from_afar(space: Space, view: CloseUp, own: Single, settings: FittingSettings, times: float = 2.0) -> float:
     """The cost of the same hand, that many times farther away and seen through a lens that much longer."""
     longer = replace(view, K=view.K * np.array([[times, 1, 1], [1, times, 1], [1, 1, 1]]))
     (hand,) = own.state.hands

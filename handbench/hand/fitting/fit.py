@@ -13,11 +13,11 @@ from ...scene import Array, Pose
 from ..handmodel import HandModel
 from .doubts import Judge, distance_guessed, other_ways, shows_a_hand, unit_problem
 from .mirror import with_mirrors
-from .picture import CloseUp, Picture
+from .picture import CloseUp, HandPicture
 from .placed import in_world
 from .problems import Problem, Unfittable
 from .sequence import between
-from .single import QUICK, Settings, Single, single
+from .single import QUICK, FittingSettings, Single, single
 from .solve import State, solve
 from .space import Space
 from .terms import Objective
@@ -70,13 +70,15 @@ class Fit:
         return next((str(problem) for problem in tried if problem.fatal), "")
 
 
-def fit(hand: HandModel, pictures: Sequence[Picture], settings: Settings = QUICK, progress: Progress = silent) -> Fit:
+def fit(
+    hand: HandModel, pictures: Sequence[HandPicture], settings: FittingSettings = QUICK, progress: Progress = silent
+) -> Fit:
     """The hand in pictures of one person's hand, in the order in which they were taken.
 
-    Placement and pose are found from key points by many starts, then shape, masks and depth come in (see `Weights`).
-    From a single camera without depth a small near hand looks like a large far one: placement and size are good up to a
-    scaling about the camera. Raises `Unfittable` if no picture can be used. Pictures that cannot be used are left out;
-    that, and every doubt, is told in the answer's `problems`: look at `converged` before using it.
+    Placement and pose are found from key points by many starts, then shape, masks and depth come in (see
+    `TermWeights`). From a single camera without depth a small near hand looks like a large far one: placement and size
+    are good up to a scaling about the camera. Raises `Unfittable` if no picture can be used. Pictures that cannot be
+    used are left out; that, and every doubt, is told in the answer's `problems`: look at `converged` before using it.
     """
     space = Space.of(hand, settings.level)
     refused = {i: problem for i, picture in enumerate(pictures) if (problem := picture.problem())}
@@ -123,7 +125,7 @@ def fit(hand: HandModel, pictures: Sequence[Picture], settings: Settings = QUICK
 
 
 def _singles(
-    space: Space, views: Mapping[int, CloseUp], settings: Settings, progress: Callable[[int], None]
+    space: Space, views: Mapping[int, CloseUp], settings: FittingSettings, progress: Callable[[int], None]
 ) -> dict[int, Single]:
     """The hand of every picture by itself; that of the picture before is a start, since a hand moves little."""
     found: dict[int, Single] = {}

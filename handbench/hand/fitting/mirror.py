@@ -14,7 +14,7 @@ import numpy as np
 from ...evenly import evenly
 from .picture import CloseUp
 from .placed import Placed
-from .single import Settings, Single, again, single
+from .single import FittingSettings, Single, again, single
 from .solve import solve
 from .space import Space
 from .terms import Objective
@@ -23,7 +23,7 @@ _MORE = 3  # times as many starts, where a mirror image fits better
 
 
 def with_mirrors(
-    space: Space, views: dict[int, CloseUp], ours: dict[int, Single], settings: Settings, most: int = 3
+    space: Space, views: dict[int, CloseUp], ours: dict[int, Single], settings: FittingSettings, most: int = 3
 ) -> tuple[dict[int, Single], dict[int, float]]:
     """The hands of pictures, better ones where the mirror image led to one, and for at most some of them, spread over
     the sequence, what the mirror image costs in the end (infinite where nothing starts)."""
@@ -44,7 +44,9 @@ def with_mirrors(
     return better, costs
 
 
-def _tried(space: Space, view: CloseUp, own: Single, other: Single, settings: Settings, more: int = _MORE) -> Single:
+def _tried(
+    space: Space, view: CloseUp, own: Single, other: Single, settings: FittingSettings, more: int = _MORE
+) -> Single:
     """The best of a fit, of one that begins with the mirror image's hand turned over, and of more starts."""
     found = [own]
     if view.depth is None:

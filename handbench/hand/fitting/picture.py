@@ -21,7 +21,7 @@ _SPECK = 0.04  # of the largest piece of a mask: smaller ones are no fingers
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class HandPicture:
     """A hand as one camera saw it: `key_points` (21, 2) are the places of the hand model's 21, whatever they are.
 
     Places are in pixels from the upper left corner, NaN where a point was not found; with a third column they come with
@@ -114,7 +114,7 @@ class CloseUp:
     depth (H, W) metres, 0 where unknown.
     """
 
-    picture: Picture
+    picture: HandPicture
     K: Array
     width: int
     height: int
@@ -126,7 +126,7 @@ class CloseUp:
     depth: Array | None
 
     @staticmethod
-    def of(picture: Picture) -> CloseUp:
+    def of(picture: HandPicture) -> CloseUp:
         """The close-up of a picture without a `problem`."""
         camera, seen = picture.camera, picture.seen
         points = picture.key_points[seen]

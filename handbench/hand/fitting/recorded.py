@@ -5,10 +5,10 @@ from __future__ import annotations
 from ...errors import Unsupported
 from ...recording import Recording
 from ...scene import Uncalibrated, needed
-from .picture import Picture
+from .picture import HandPicture
 
 
-def pictures(recording: Recording) -> list[Picture]:
+def pictures(recording: Recording) -> list[HandPicture]:
     """The frames of one subject in the order of time: key points, and mask, depth and estimated pose if given.
 
     Raises `Unsupported` without calibrated cameras or key points, and for more than one subject: their hands differ
@@ -23,5 +23,5 @@ def pictures(recording: Recording) -> list[Picture]:
             raise Unsupported(f"the calibration of camera {frame.camera.name!r} is not given, and a fit needs it")
         seen = recording.observe(frame)
         points = needed(seen.keypoints, "set of key points")
-        found.append(Picture(frame.camera, points, seen.alpha, seen.depth, frame.key, frame.pose))
+        found.append(HandPicture(frame.camera, points, seen.alpha, seen.depth, frame.key, frame.pose))
     return found

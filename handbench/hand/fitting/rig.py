@@ -22,7 +22,7 @@ class Rest:
 
 
 @dataclass(frozen=True)
-class Posed:
+class PosedRig:
     """Rows (B, N, 3) of B posed hands, wrist at the origin, and their derivatives.
 
     by_joints (B, N, 3, F) with the F free components of the axis-angles; by_shape (B, N, 3, K) with the shape's
@@ -78,7 +78,7 @@ class Rig:
         ends = [(self.at_rest(shape + step * way) - self.at_rest(shape - step * way)) / (2 * step) for way in basis.T]
         return np.stack(ends, axis=-1) if ends else np.zeros((len(self.weights), 3, 0))
 
-    def pose(self, rest: Rest, turns: Array, free: Array, chosen: Array | None = None) -> Posed:
+    def pose(self, rest: Rest, turns: Array, free: Array, chosen: Array | None = None) -> PosedRig:
         """Rows of the hand with joints turned by axis-angles (B, J, 3); `chosen` picks rows, `free` the derivatives."""
         hand, count = self.hand, self.joints
         pick = np.arange(len(self.weights)) if chosen is None else chosen
@@ -107,7 +107,7 @@ class Rig:
         by_joints = np.moveaxis(moved[:, joint] @ np.swapaxes(across, 2, 3), 1, 3)
         if hand.pose_shapes is not None:
             by_joints = by_joints + blend @ self._bent_by(local, axes, pick)[..., free]
-        return Posed(carried.sum(axis=1), by_joints, self._by_shape(rest, pick, weights, rotation, blend))
+        return PosedRig(carried.sum(axis=1), by_joints, self._by_shape(rest, pick, weights, rotation, blend))
 
     def _by_shape(self, rest: Rest, pick: Array, weights: Array, rotation: Array, blend: Array) -> Array:
         heads = rest.by_shape[self.vertices : self.vertices + self.joints]

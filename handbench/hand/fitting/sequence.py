@@ -9,7 +9,7 @@ import numpy as np
 from ...scene import Array
 from .picture import CloseUp
 from .placed import Placed
-from .single import Settings
+from .single import FittingSettings
 from .solve import State, solve, value
 from .space import Space
 from .starts import starts
@@ -25,7 +25,7 @@ def between(
     views: Mapping[int, CloseUp],
     hands: Mapping[int, Placed],
     z: Array,
-    settings: Settings,
+    settings: FittingSettings,
     progress: Callable[[int], None],
 ) -> dict[int, Placed]:
     """The hands of all pictures, of which some are placed; pictures in which nothing starts are left out.
@@ -53,7 +53,7 @@ def between(
 
 
 def _one(
-    space: Space, view: CloseUp, hands: Mapping[int, Placed], index: int, z: Array, settings: Settings
+    space: Space, view: CloseUp, hands: Mapping[int, Placed], index: int, z: Array, settings: FittingSettings
 ) -> Placed | None:
     """The hand of a picture between others."""
     near = [hands[i] for i in sorted(hands, key=lambda i: abs(i - index))[:2]]
@@ -64,7 +64,9 @@ def _one(
     return None if state is None else state.hands[0]
 
 
-def _cheapest(space: Space, view: CloseUp, tried: Sequence[Placed], z: Array, settings: Settings) -> State | None:
+def _cheapest(
+    space: Space, view: CloseUp, tried: Sequence[Placed], z: Array, settings: FittingSettings
+) -> State | None:
     """Where the best of some starts leads; None if all are behind the camera."""
     far, objective = (Objective(space, [view], weights) for weights in (settings.weights.far, settings.weights))
     first = max(1, settings.steps // 3)

@@ -11,12 +11,12 @@ from .placed import Placed
 from .solve import State, solve, value
 from .space import Space
 from .starts import starts
-from .terms import Objective, Weights
+from .terms import Objective, TermWeights
 from .told import told
 
 
 @dataclass(frozen=True)
-class Settings:
+class FittingSettings:
     """How a fit is made: `level` of the surface that is compared, how many best `starts` are tried, `steps` of the
     solver at each stage, and `together`: from how many pictures of a sequence the shape is found; the others, between
     them, are posed only."""
@@ -25,11 +25,11 @@ class Settings:
     starts: int = 2
     steps: int = 20
     together: int = 12
-    weights: Weights = field(default_factory=Weights)
+    weights: TermWeights = field(default_factory=TermWeights)
 
 
-QUICK = Settings()
-THOROUGH = Settings(starts=5, steps=60, together=60)
+QUICK = FittingSettings()
+THOROUGH = FittingSettings(starts=5, steps=60, together=60)
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Single:
     untold: float
 
 
-def single(space: Space, view: CloseUp, settings: Settings, also: tuple[Placed, ...] = ()) -> Single | None:
+def single(space: Space, view: CloseUp, settings: FittingSettings, also: tuple[Placed, ...] = ()) -> Single | None:
     """The hand that the best starts lead to; `also` are tried as starts. None if nothing starts.
 
     Half of the steps, with a far reach, shows which start leads to the cheapest hand; it alone goes on.
@@ -60,7 +60,7 @@ def single(space: Space, view: CloseUp, settings: Settings, also: tuple[Placed, 
     return again(space, view, min(found, key=lambda state: value(far, state)), settings, settings.steps - first)
 
 
-def again(space: Space, view: CloseUp, state: State, settings: Settings, steps: int | None = None) -> Single:
+def again(space: Space, view: CloseUp, state: State, settings: FittingSettings, steps: int | None = None) -> Single:
     """The hand to which a state leads, in `steps` (all of the settings' if None)."""
     objective = Objective(space, [view], settings.weights)
     best = solve(objective, state, settings.steps if steps is None else steps)

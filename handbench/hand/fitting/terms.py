@@ -19,13 +19,13 @@ from ...scene import Array
 from .picture import CloseUp, sampled
 from .placed import Placed
 from .quadratic import Quadratic
-from .rig import Posed, Rest
+from .rig import PosedRig, Rest
 from .space import LIMIT, Space
-from .told import Tracker, told
+from .told import PoseNoise, told
 
 
 @dataclass(frozen=True)
-class Weights:
+class TermWeights:
     """What the terms of the objective weigh.
 
     key_points: of their mean distance, where the close-up's longer side is 8 (as in UHM's heat maps of 8 x 8); mask: of
@@ -45,10 +45,10 @@ class Weights:
     told: float = 0.002
     mask_reach: float = 6.0
     depth_reach: float = 0.015
-    tracker: Tracker = field(default_factory=Tracker)
+    tracker: PoseNoise = field(default_factory=PoseNoise)
 
     @property
-    def far(self) -> Weights:
+    def far(self) -> TermWeights:
         """The same with four times the reach, for hands that are not yet in place."""
         return replace(self, mask_reach=4 * self.mask_reach, depth_reach=4 * self.depth_reach)
 
@@ -61,7 +61,7 @@ _NEAR = 0.008  # metres behind the nearest vertex of a cell of 4 x 4 pixels: sti
 class Objective:
     """The cost of hands in close-ups."""
 
-    def __init__(self, space: Space, views: Sequence[CloseUp], weights: Weights) -> None:
+    def __init__(self, space: Space, views: Sequence[CloseUp], weights: TermWeights) -> None:
         self.space, self.views, self.weights = space, tuple(views), weights
         self._edges = EdgeTable(space.rig.faces)
         self._told = {view: told(space, view) for view in self.views}
@@ -158,7 +158,7 @@ class Objective:
         return ((pick @ self.space.rig.fine) @ coarse).reshape(pick.shape[0], 3, -1)
 
 
-def moving(posed: Posed, hand: Placed) -> tuple[Array, Array]:
+def moving(posed: PosedRig, hand: Placed) -> tuple[Array, Array]:
     """Rows (N, 3) of one posed hand in the camera's frame, and how they move (N, 3, 6 + F + K)."""
     turned = posed.rows[0] @ hand.rotation.T
     x, y, z = turned.T

@@ -14,7 +14,7 @@ from .space import Space
 
 
 @dataclass(frozen=True)
-class Tracker:
+class PoseNoise:
     """By how much poses that pictures bring are off, standard deviations: radians of each joint's angle and of the
     hand's rotation about each axis, metres across the camera's line of sight and along it.
 

@@ -23,7 +23,7 @@ from ...files import whole
 from ...hand import hand_of
 from ...method import Progress, Recording, silent
 from ...methods.geometry.neutral import full_frames, neutral
-from ...methods.geometry.scan import scan
+from ...methods.geometry.scan import point_cloud
 from ...methods.geometry.skeleton import posed_points
 from ...methods.geometry.tracker import NAME, GeometryPrior, Tracking, create
 from ...metrics.geometry.points import point_error
@@ -67,7 +67,7 @@ def geometry_report(prior: GeometryPrior, enrolment: Recording, frames: Recordin
     known = {subject: neutral(enrolment.of_subject(subject)) for subject in lit.subjects}
     found = []
     for frame in lit.frames:
-        points = scan([(frame, lit.observe(frame))]).points
+        points = point_cloud([(frame, lit.observe(frame))]).points
         true, recorded = known[frame.subject].observed(needed(frame.pose, "pose")), needed(frame.mesh, "mesh")
         for row, (mesh, joints) in _geometries(frame, tracking).items():
             distances = surface_distances(mesh, points)

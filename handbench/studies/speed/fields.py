@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ...hand import hand_model
 from ...method import Progress, silent
-from ...methods.palm.config import PRESETS, Config
+from ...methods.palm.config import PRESETS, PalmConfig
 from ...methods.palm.model import Conditions, PalmModel
 from ...render.volume import Shell
 from .record import Measured, Part
@@ -25,7 +25,7 @@ _RATE = (5e-3, 5e-4)
 _SCALE = 5e-3  # metres that cost one
 _QUICK = replace(PRESETS["quick"], beta=3e-4)
 
-VARIANTS: Mapping[str, Config] = {
+VARIANTS: Mapping[str, PalmConfig] = {
     "dense grids and tri-plane": _QUICK,
     "hash grid, 8 levels of 2^14": replace(_QUICK, encoding="hash"),
     "hash grid, 12 levels of 2^16": replace(_QUICK, encoding="hash", levels=12, finest=1024.0, table=16),
@@ -61,7 +61,9 @@ def conditions(model: PalmModel) -> Conditions:
     return model.conditions(model.codes(0), shape, torch.zeros(len(model.hand.parents), 3))
 
 
-def learned(name: str, config: Config, skin: Skin, steps: int, progress: Progress = silent) -> tuple[PalmModel, Part]:
+def learned(
+    name: str, config: PalmConfig, skin: Skin, steps: int, progress: Progress = silent
+) -> tuple[PalmModel, Part]:
     """A model whose geometry has learned the skin in `steps` steps, and its mean error in millimetres on the way."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
@@ -93,7 +95,7 @@ def _step(model: PalmModel, adam: torch.optim.Adam, places: Tensor, distances: T
     adam.step()
 
 
-def step_of(config: Config, skin: Skin) -> tuple[int, float]:
+def step_of(config: PalmConfig, skin: Skin) -> tuple[int, float]:
     """Rows of the tables of the geometry's encoding, and the least seconds of CPU of three steps after a first one."""
     model = PalmModel(config, hand_model(), 1)
     adam = torch.optim.Adam(model.geometry_field.parameters(), betas=(0.9, 0.99))

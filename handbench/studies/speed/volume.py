@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from ...method import Progress, silent
-from ...methods.palm.config import Config
+from ...methods.palm.config import PalmConfig
 from ...methods.palm.drawing import pixel_rays
 from ...methods.palm.model import PalmModel
 from ...methods.palm.posed import PosedHand, render
@@ -59,7 +59,7 @@ class PersonView:
         return PersonView(posed, torch.from_numpy(camera.centre.copy()).float().expand(len(towards), 3), towards)
 
     @torch.no_grad()
-    def drawn(self, every: int = 1, config: Config | None = None) -> tuple[float, Tensor]:
+    def drawn(self, every: int = 1, config: PalmConfig | None = None) -> tuple[float, Tensor]:
         """Seconds of CPU that each `every`-th ray takes, and their colours."""
         posed = self.posed
         if config is not None:

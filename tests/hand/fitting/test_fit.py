@@ -11,14 +11,14 @@ from benchmarks.fitting import Noise, Sitter, errors, sitter
 from benchmarks.spoiled import in_a_mirror, zoomed
 from handbench.errors import InputError, Unsupported
 from handbench.hand import hand_model
-from handbench.hand.fitting import Fit, Picture, Settings, Unfittable, fit, pictures, starts
+from handbench.hand.fitting import Fit, FittingSettings, HandPicture, Unfittable, fit, pictures, starts
 from handbench.hand.fitting.picture import CloseUp
 from handbench.hand.fitting.placed import in_camera, in_world
 from handbench.hand.fitting.space import Space
 from handbench.recording import Recording
 from handbench.scene import Directional, Frame, Observation, Pose
 
-BRIEF = Settings(steps=16)
+BRIEF = FittingSettings(steps=16)
 
 
 @pytest.fixture(scope="module")
@@ -27,17 +27,17 @@ def someone() -> Sitter:
 
 
 @pytest.fixture(scope="module")
-def flat(someone: Sitter) -> Picture:
+def flat(someone: Sitter) -> HandPicture:
     return someone.picture(np.random.default_rng(0), depth=False)
 
 
 @pytest.fixture(scope="module")
-def deep(someone: Sitter) -> Picture:
+def deep(someone: Sitter) -> HandPicture:
     return someone.picture(np.random.default_rng(0), depth=True)
 
 
 @pytest.fixture(scope="module")
-def found(deep: Picture) -> Fit:
+def found(deep: HandPicture) -> Fit:
     return fit(hand_model(), [deep], BRIEF)
 
 
@@ -49,7 +49,7 @@ def test_one_picture_with_depth(someone: Sitter, found: Fit) -> None:
     assert own.depth is not None and own.depth < 0.004
 
 
-def test_one_picture_without_depth_up_to_the_distance(someone: Sitter, flat: Picture) -> None:
+def test_one_picture_without_depth_up_to_the_distance(someone: Sitter, flat: HandPicture) -> None:
     fitted = fit(hand_model(), [flat], BRIEF)
     assert fitted.converged, fitted.reason
     assert errors(someone, fitted).scaled < 0.009  # 5 mm is usual: `benchmarks.fitting_captures`
@@ -73,7 +73,7 @@ def test_a_sequence_has_one_shape_and_pictures_without_a_hand_are_left_out(someo
 
 
 def test_a_start_that_is_given_is_tried_as_it_is(
-    someone: Sitter, flat: Picture, monkeypatch: pytest.MonkeyPatch
+    someone: Sitter, flat: HandPicture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     space, camera = Space.of(someone.hand, 1), someone.camera
     given = in_camera(space, someone.pose, camera)
@@ -86,26 +86,26 @@ def test_a_start_that_is_given_is_tried_as_it_is(
     assert led.hand.angles is not lost.hand.angles and led.missed < 0.3 * lost.missed
 
 
-def test_the_other_hand_is_told(deep: Picture) -> None:
+def test_the_other_hand_is_told(deep: HandPicture) -> None:
     fitted = fit(hand_model(), [in_a_mirror(deep)], BRIEF)
     assert not fitted.converged and "left hand" in fitted.reason
     assert "other hand" in [problem.kind for problem in fitted.problems]
 
 
-def test_key_points_of_no_hand_are_told(flat: Picture) -> None:
+def test_key_points_of_no_hand_are_told(flat: HandPicture) -> None:
     shuffled = replace(flat, key_points=np.random.default_rng(0).permutation(flat.key_points))
     fitted = fit(hand_model(), [shuffled], BRIEF)
     assert not fitted.converged and "no hand" in [problem.kind for problem in fitted.problems]
 
 
-def kind(picture: Picture) -> str:
+def kind(picture: HandPicture) -> str:
     with pytest.raises(Unfittable) as caught:
         fit(hand_model(), [picture], BRIEF)
     assert isinstance(caught.value, InputError) and "picture: " in str(caught.value)
     return caught.value.problems[0].kind
 
 
-def test_what_cannot_be_fitted_is_refused_with_the_reason(deep: Picture) -> None:
+def test_what_cannot_be_fitted_is_refused_with_the_reason(deep: HandPicture) -> None:
     assert deep.alpha is not None and deep.depth is not None
     few = deep.key_points.copy()
     few[5:] = np.nan
@@ -118,16 +118,16 @@ def test_what_cannot_be_fitted_is_refused_with_the_reason(deep: Picture) -> None
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-def test_a_wrong_focal_length_is_told_by_depth(deep: Picture, factor: float) -> None:
+def test_a_wrong_focal_length_is_told_by_depth(deep: HandPicture, factor: float) -> None:
     assert kind(replace(deep, camera=zoomed(deep.camera, factor))) == "focal length"
 
 
-def test_an_absurd_focal_length_is_told_without_depth(flat: Picture) -> None:
+def test_an_absurd_focal_length_is_told_without_depth(flat: HandPicture) -> None:
     millimetres = zoomed(flat.camera, 0.05)  # for pixels
     assert kind(replace(flat, camera=millimetres)) == "focal length"
 
 
-def test_two_hands_that_touch_are_told(flat: Picture) -> None:
+def test_two_hands_that_touch_are_told(flat: HandPicture) -> None:
     assert flat.alpha is not None
     rows, columns = np.nonzero(flat.alpha > 0.5)
     both = flat.alpha.copy()
@@ -149,7 +149,7 @@ def test_a_hand_that_the_edge_cuts_is_told_and_still_found(someone: Sitter) -> N
     assert fitted.converged, fitted.reason
 
 
-def test_arrays_that_do_not_fit_are_refused(flat: Picture) -> None:
+def test_arrays_that_do_not_fit_are_refused(flat: HandPicture) -> None:
     assert flat.alpha is not None
     with pytest.raises(InputError, match=r"expected \(21, 2\)"):
         replace(flat, key_points=np.zeros((20, 2)))
@@ -166,7 +166,7 @@ def test_noise_is_what_it_says() -> None:
     np.testing.assert_allclose(picture.key_points, places)
 
 
-def test_a_recording_is_a_sequence_of_pictures(someone: Sitter, deep: Picture) -> None:
+def test_a_recording_is_a_sequence_of_pictures(someone: Sitter, deep: HandPicture) -> None:
     light = Directional([0.0, 1.0, 0.0], [1.0, 1.0, 1.0])
     frames = [
         Frame("s", f"p{k}", "full", someone.pose, None, someone.camera, light, "scan", "full", moment=k) for k in (1, 0)

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 from benchmarks.fitting import Sitter, errors, sitter
 from benchmarks.spoiled import zoomed
 from handbench.hand import hand_model
-from handbench.hand.fitting import Picture, Settings, Unfittable, fit
+from handbench.hand.fitting import FittingSettings, HandPicture, Unfittable, fit
 from handbench.hand.fitting.placed import Placed
 from handbench.hand.fitting.quadratic import Quadratic
-from handbench.hand.fitting.told import Tracker
+from handbench.hand.fitting.told import PoseNoise
 from handbench.scene import Pose
 
-BRIEF = Settings(steps=16)
+BRIEF = FittingSettings(steps=16)
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def someone() -> Sitter:
 
 
 @pytest.fixture(scope="module")
-def flat(someone: Sitter) -> Picture:
+def flat(someone: Sitter) -> HandPicture:
     return someone.picture(np.random.default_rng(0), depth=False)
 
 
@@ -40,24 +40,24 @@ def tracked(true: Pose, away: float = 0.0, aside: float = 0.0) -> Pose:
     )
 
 
-def test_a_told_pose_tells_the_distance(someone: Sitter, flat: Picture) -> None:
+def test_a_told_pose_tells_the_distance(someone: Sitter, flat: HandPicture) -> None:
     found = fit(hand_model(), [replace(flat, start=tracked(someone.pose))], BRIEF)
     assert found.converged and not found.problems, found.problems
     assert errors(someone, found).absolute < 0.007
 
 
-def test_a_pose_that_is_far_off_keeps_no_hand_from_its_picture_and_is_told(someone: Sitter, flat: Picture) -> None:
+def test_a_pose_that_is_far_off_keeps_no_hand_from_its_picture_and_is_told(someone: Sitter, flat: HandPicture) -> None:
     found = fit(hand_model(), [replace(flat, start=tracked(someone.pose, aside=0.1))], BRIEF)
     assert errors(someone, found).scaled < 0.010
     assert "pose" in [problem.kind for problem in found.problems] and found.converged
 
 
-def test_a_pose_at_an_impossible_distance_is_told(someone: Sitter, flat: Picture) -> None:
+def test_a_pose_at_an_impossible_distance_is_told(someone: Sitter, flat: HandPicture) -> None:
     with pytest.raises(Unfittable, match=r"by its pose the hand is 1\."):
         fit(hand_model(), [replace(flat, start=tracked(someone.pose, away=0.25))], BRIEF)
 
 
-def test_a_wrong_focal_length_is_told_by_the_pose(someone: Sitter, flat: Picture) -> None:
+def test_a_wrong_focal_length_is_told_by_the_pose(someone: Sitter, flat: HandPicture) -> None:
     wrong = replace(flat, camera=zoomed(flat.camera, 2.0), start=tracked(someone.pose))
     with pytest.raises(Unfittable, match=r"by its pose the hand is 0\.5"):
         fit(hand_model(), [wrong], BRIEF)
@@ -72,7 +72,7 @@ def test_the_pull_is_the_costs_gradient() -> None:
 
         def cost(step: np.ndarray, hand: Placed = hand) -> Quadratic:
             total = Quadratic(0.0, np.zeros(9), np.zeros((9, 9)))  # one number of shape besides
-            Tracker().add(total, 0.3, hand.moved(step), told)
+            PoseNoise().add(total, 0.3, hand.moved(step), told)
             return total
 
         here = cost(np.zeros(8)).gradient
@@ -83,7 +83,7 @@ def test_the_pull_is_the_costs_gradient() -> None:
         assert here[8] == 0.0
 
 
-def test_a_pictures_key_points_stay_as_sure_as_they_were(flat: Picture) -> None:
+def test_a_pictures_key_points_stay_as_sure_as_they_were(flat: HandPicture) -> None:
     sure = np.linspace(0.2, 1.0, 21)
     picture = replace(flat, key_points=np.c_[flat.key_points, sure])
     assert np.array_equal(replace(picture, start=None, alpha=None).sure, sure)
