@@ -258,7 +258,7 @@ def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, places)))
     monkeypatch.setenv("TOYS", str(folder))
     yield folder
-    for name in ("benchfakes", "clusterfakes"):
+    for name in ("benchfakes", "clusterfakes", "toyruns"):
         sys.modules.pop(name, None)
 
 
@@ -266,95 +266,63 @@ def trainings(toys: Path) -> list[str]:
     return sorted(path.name for path in (toys / "trainings").iterdir())
 
 
-SCRIPT = """
-import json, sys
-from pathlib import Path
-from clusterfakes import METHODS
-from handbench.shards import Shard
-from handbench.bench.run import run
-from handbench.protocols import parse
-
-protocol = parse(json.loads(sys.argv[1]), 'toy')
-names = sys.argv[3].split(',')
-shard = Shard.parse(sys.argv[4]) if sys.argv[4:] else None
-extra = [METHODS[name] for name in names]
-outcome = run(protocol, names, [0, 1], out=Path(sys.argv[2]), extra=extra, shard=shard, command=['handbench'])
-print(json.dumps([outcome.computed, outcome.reused, outcome.crashed]))
-"""
-
-
-def start(table: dict, folder: Path, methods: str, *shard: str) -> subprocess.Popen[str]:
-    """A run with two seeds as a process of its own."""
-    command = [sys.executable, "-c", SCRIPT, json.dumps(table), str(folder), methods, *shard]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-def here(table: dict, folder: Path, methods: str) -> list[int]:
-    """The same run in this process, which has torch already."""
-    import clusterfakes
-
-    from handbench.protocols import parse
-
-    extra = [clusterfakes.METHODS[name] for name in methods.split(",")]
-    outcome = run(parse(table, "toy"), methods.split(","), [0, 1], out=folder, extra=extra, command=["handbench"])
-    return [outcome.computed, outcome.reused, len(outcome.crashed)]
-
-
-def told(process: subprocess.Popen[str]) -> list:
-    out, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0, errors
-    return json.loads(out)
-
-
 def test_two_processes_share_the_work_and_a_training_is_done_once(toys, toy_table, tmp_path):
+    from toyruns import ToyRun
+
     table = toy_table()
-    both = [start(table, tmp_path / "run", "slow,toy") for _ in range(2)]
+    both = [ToyRun(table, tmp_path / "run", "slow,toy") for _ in range(2)]
     wait_for(lambda: len(trainings(toys)) == 2)
     time.sleep(0.5)
     assert len(trainings(toys)) == 2, "one training each"
     (toys / "go").touch()
-    outcomes = [told(process) for process in both]
+    outcomes = [each.told(PATIENCE) for each in both]
     assert sum(outcome[0] for outcome in outcomes) == 8, outcomes
     assert [sum(outcome[:2]) for outcome in outcomes] == [8, 8]
     assert len(trainings(toys)) == 2 and not leftovers(tmp_path / "run")
 
 
 def test_shards_at_the_same_time_make_the_run_that_one_process_makes(toys, toy_table, tmp_path):
+    from toyruns import ToyRun, toy_run
+
     (toys / "go").touch()
     table = toy_table()
-    shards = [start(table, tmp_path / "parts", "slow,toy", f"{number}/3") for number in (1, 2, 3)]
-    outcomes = [told(process) for process in shards]
+    shards = [ToyRun(table, tmp_path / "parts", "slow,toy", f"{number}/3") for number in (1, 2, 3)]
+    outcomes = [each.told(PATIENCE) for each in shards]
     assert [outcome[:2] for outcome in outcomes] == [[4, 0], [2, 0], [2, 0]]
-    assert here(table, tmp_path / "parts", "slow,toy")[:2] == [0, 8]
-    assert here(table, tmp_path / "whole", "slow,toy")[:2] == [8, 0]
+    assert toy_run(table, tmp_path / "parts", "slow,toy")[:2] == [0, 8]
+    assert toy_run(table, tmp_path / "whole", "slow,toy")[:2] == [8, 0]
     assert comparable(tmp_path / "parts") == comparable(tmp_path / "whole")
     assert Store(tmp_path / "parts").run().provenance.command == "handbench"
     assert not leftovers(tmp_path / "parts")
 
 
 def test_who_waits_takes_over_from_a_process_that_is_killed(toys, toy_table, tmp_path):
+    from toyruns import ToyRun
+
     table = toy_table()
-    first = start(table, tmp_path / "run", "slow")
+    first = ToyRun(table, tmp_path / "run", "slow")
     wait_for(lambda: trainings(toys))
-    second = start(table, tmp_path / "run", "slow")
+    second = ToyRun(table, tmp_path / "run", "slow")
     wait_for(lambda: len(trainings(toys)) == 2)
     (toys / "go-1").touch()  # the second is through with its training, of seed 1, and waits for that of seed 0
     wait_for(lambda: len(list((tmp_path / "run").glob("cells/*.json"))) == 2)
     time.sleep(1.0)
-    assert second.poll() is None and len(trainings(toys)) == 2
-    first.send_signal(signal.SIGKILL)
-    first.communicate()
+    assert second.process.is_alive() and len(trainings(toys)) == 2
+    first.process.kill()
+    first.process.join()
     wait_for(lambda: len(trainings(toys)) == 3)
     (toys / "go").touch()
-    assert told(second) == [4, 0, []]
+    assert second.told(PATIENCE) == [4, 0, []]
     assert not leftovers(tmp_path / "run")
 
 
 def test_a_crash_is_tried_once_by_processes_that_share_a_run(toys, toy_table, tmp_path):
     """Who waited for a training that failed takes its cells as they are."""
+    from toyruns import ToyRun
+
     table = toy_table()
-    both = [start(table, tmp_path / "run", "fails") for _ in range(2)]
-    outcomes = [told(process) for process in both]
+    both = [ToyRun(table, tmp_path / "run", "fails") for _ in range(2)]
+    outcomes = [each.told(PATIENCE) for each in both]
     assert all(len(outcome[2]) == 4 and "no such layer" in outcome[2][0] for outcome in outcomes)
     assert 2 <= len(trainings(toys)) <= 4  # a process that begins when the other is through tries again, as it should
 
