@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import shutil
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.backends import _backend_pdf_ps
 
 from handbench.bench.store import Store
 from handbench.data.exr import rgb, write_exr
@@ -218,6 +221,22 @@ def _write_cell(folder: Path, key: str, info: dict[str, Any], subject: str, numb
     }
     (folder / "cells").mkdir(exist_ok=True)
     (folder / "cells" / f"{key}.json").write_text(json.dumps(cell))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def letters_once() -> Iterator[None]:
+    """Half the time of a figure goes into cutting its letters out of the font for the PDF: the same ones once only."""
+    cut = _backend_pdf_ps.get_glyphs_subset
+
+    @cache
+    def part(font: Any, letters: frozenset[int]) -> Any:
+        return cut(font, letters).__enter__()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            _backend_pdf_ps, "get_glyphs_subset", lambda font, letters: nullcontext(part(font, frozenset(letters)))
+        )
+        yield
 
 
 @pytest.fixture(scope="session")
