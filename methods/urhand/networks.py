@@ -130,12 +130,24 @@ class Decoder(nn.Module):
         return _convolutions(self.layers)
 
     def forward(self, encoded: list[Tensor | None], modulation: list[Tensor]) -> Tensor:
+        """Gain and bias maps, (B, 4, R, R). Without gradients the encoder's maps are overwritten."""
+        if not (self._activated or torch.is_grad_enabled()):
+            return self._in_place(encoded, modulation)
         x: Tensor | None = None
         for layer, code, factor in zip(self.layers, encoded, modulation, strict=True):
             inputs = code if x is None else x if code is None else code + x
             x = layer(inputs) * (factor * 2**-0.5)  # one map for all colours: the pictures' are many times larger
             if self._activated:
                 x = activate(x)
+        assert x is not None
+        return x
+
+    def _in_place(self, encoded: list[Tensor | None], modulation: list[Tensor]) -> Tensor:
+        """The same in fewer passes over maps and without new ones: the finest are larger than a cache."""
+        x = encoded[0]
+        for layer, code, factor in zip(self.layers, [*encoded[1:], None], modulation, strict=True):
+            answer = layer(x)
+            x = answer.mul_(factor * 2**-0.5) if code is None else code.addcmul_(answer, factor, value=2**-0.5)
         assert x is not None
         return x
 
@@ -177,13 +189,14 @@ class NeuralBranch(nn.Module):
         last[3, 1, 1, 1] = 2**0.5 / bias_scale
 
     def forward(self, light: Tensor, modulation: list[Tensor]) -> tuple[Tensor, Tensor, list[Tensor]]:
-        """Gain, bias and the encoder's maps (for the L1 regularisation, Eq. 9).
+        """Gain, bias and the encoder's maps (for the L1 regularisation, Eq. 9); no maps without gradients.
 
         `modulation` is what `nonlinear` answers to the joint feature: the same under every light.
         """
         encoded = self.encoder(light)
         maps = self.decoder(encoded, modulation)
-        return maps[:, :3], maps[:, 3:], [code for code in encoded if code is not None]
+        kept = [code for code in encoded if code is not None] if torch.is_grad_enabled() else []
+        return maps[:, :3], maps[:, 3:], kept
 
 
 def _upward(bias: bool) -> nn.ModuleList:

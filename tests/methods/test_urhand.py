@@ -20,6 +20,7 @@ from handbench.methods.urhand.model import URHandModel
 from handbench.methods.urhand.networks import (
     BRANCH_CHANNELS,
     UNET_CHANNELS,
+    EnvironmentEncoder,
     FeatureEncoder,
     NeuralBranch,
     PhysicalBranch,
@@ -62,6 +63,23 @@ def test_gain_and_bias_are_linear_in_the_features() -> None:
     apart = 0.3 * first + 1.7 * second
     assert (together - apart).abs().max() < 1e-12 * apart.abs().max()
     assert apart.abs().max() > 0.01  # the law is not kept by an empty answer
+
+
+@pytest.mark.parametrize("activated", [False, True])
+def test_the_neural_branch_answers_alike_with_and_without_gradients(activated: bool) -> None:
+    torch.manual_seed(0)
+    for encoder in (FeatureEncoder(activated=activated), EnvironmentEncoder(1, (16, 32))):
+        branch = NeuralBranch(encoder, activated, 0.25)
+        for parameter in branch.parameters():
+            parameter.data += 0.01 * torch.randn(parameter.shape)
+        light = torch.rand(3, 2, 64, 64) if isinstance(encoder, FeatureEncoder) else torch.rand(1, 3, 16, 32)
+        modulation = [factor.detach() for factor in branch.nonlinear(torch.rand(1, 128, 1, 1))]
+        before = [light.clone(), *(factor.clone() for factor in modulation)]
+        reference = torch.cat(branch(light, modulation)[:2], dim=1).detach()
+        with torch.no_grad():
+            gain, bias, encoded = branch(light, modulation)
+        assert torch.allclose(torch.cat([gain, bias], dim=1), reference, rtol=1e-5, atol=1e-5 * float(reference.std()))
+        assert not encoded and all(map(torch.equal, [light, *modulation], before))
 
 
 def test_the_physical_branch_starts_at_the_coarse_surface(training: Recording) -> None:
