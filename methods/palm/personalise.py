@@ -158,6 +158,11 @@ class _Fitter:
                 bad = next(name for name, value in losses.items() if not bool(value.detach().isfinite()))
                 raise NonFinite(f"palm-net: {bad} of step {step + 1} of a fit is not finite; lower the rates")
             loss.backward()
+            for name, group in zip(("codes", "pose", "shape", "light"), adam.param_groups, strict=False):
+                if any(u.grad is not None and not bool(u.grad.isfinite().all()) for u in group["params"]):
+                    raise NonFinite(
+                        f"palm-net: the gradient to {name} in step {step + 1} of a fit is not finite; lower the rates"
+                    )
             adam.step()
             if (step + 1) % _TELL == 0 or step + 1 == fit.steps:
                 values = {name: float(value.detach()) for name, value in losses.items()}

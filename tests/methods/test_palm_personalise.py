@@ -141,6 +141,18 @@ def test_a_hand_that_is_not_finite_is_told(monkeypatch: pytest.MonkeyPatch) -> N
         personalised(Model(), enrolled(), QUICK, "released", 0, silent)
 
 
+def test_a_gradient_that_is_not_finite_is_told_before_it_moves_anything(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the only step, too: a person would else be handed out whose codes and light are NaN."""
+    shown = personalise.to_display
+
+    def steep(values: Tensor, space: str) -> Tensor:
+        return shown(values, space) + (values * 0.0).sqrt()  # 0, and its slope is infinite
+
+    monkeypatch.setattr(personalise, "to_display", steep)
+    with pytest.raises(NonFinite, match="gradient to codes in step 1 of a fit is not finite"):
+        personalised(Model(), enrolled(), replace(QUICK, steps=1), "released", 0, silent)
+
+
 def test_basis_is_the_principal_components_of_the_codes() -> None:
     codes = torch.from_numpy(np.random.default_rng(0).normal(size=(20, 6)) * [5, 3, 1, 0.1, 0.1, 0.1]).float()
     plain, white = Basis(codes, 3, whitened=False), Basis(codes, 3, whitened=True)
