@@ -211,3 +211,37 @@ def test_no_module_binds_a_name_twice() -> None:
             targets = line.targets if isinstance(line, ast.Assign) else []
             bound += [target.id for target in targets if isinstance(target, ast.Name)]
         assert len(bound) == len(set(bound)), f"{path.relative_to(ROOT)}: {sorted(bound)}"
+
+
+def _bound(path: Path) -> set[str]:
+    """The names that a module's source binds, wherever in it."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            found.add(node.id)
+        elif isinstance(node, ast.alias):
+            found.add(node.asname or node.name.partition(".")[0])
+    return found
+
+
+def test_what_benchmarks_and_examples_import_is_there() -> None:
+    """Nobody type-checks or runs most of them, and a renamed class would break them unseen."""
+    missing = []
+    for path in [*(ROOT / "benchmarks").rglob("*.py"), *(ROOT / "examples").rglob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            parts = (node.module or "").split(".") if isinstance(node, ast.ImportFrom) else [""]
+            if not isinstance(node, ast.ImportFrom) or parts[0] != "handbench":
+                continue
+            inner = parts[1:] if parts[1:2] and parts[1] in FOLDERS else parts
+            home = ROOT.joinpath(*inner)
+            file = home / "__init__.py" if home.is_dir() else home.with_suffix(".py")
+            names = _bound(file) if file.is_file() else set()
+            beside = {child.stem for child in home.glob("*")} if home.is_dir() else set()
+            missing += [
+                f"{path.relative_to(ROOT)}: {node.module}.{alias.name}"
+                for alias in node.names
+                if alias.name not in names and alias.name not in beside
+            ]
+    assert not missing

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from handbench.errors import Unsupported
 from handbench.hand import HandModel
+from handbench.hand.canonical import skinning_weights
 from handbench.method import Recording
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.scene import Array, Camera, Frame, Mesh, Observation, Pose, needed
@@ -122,8 +123,10 @@ def taken(recording: Recording, hand: HandModel, register: bool, seed: int) -> l
 
     PALM-Net learns the light of one studio, so of several lightings only the first one's frames are used, fully lit
     ones before others. With `register` poses and shapes are fitted to scans if all poses of a person have one. Raises
-    `Unsupported` for a recording without frames, pictures without a hand, and poses of another hand model.
+    `Unsupported` for a recording without frames, pictures without a hand, and poses of another hand model;
+    `InputError` for a hand model without skinning weights.
     """
+    skinning_weights(hand, 0)
     frames = recording.of_kind("full").frames or recording.frames
     if not frames:
         raise Unsupported("palm trains on pictures of hands, and there are no training frames")

@@ -13,7 +13,7 @@ from torch import nn
 from handbench.checkpoint import checkpoints_in
 from handbench.data.capture import Capture
 from handbench.data.openstage import open_capture
-from handbench.errors import NonFinite, Unsupported
+from handbench.errors import InputError, NonFinite, Unsupported
 from handbench.hand import hand_model
 from handbench.method import Recording, silent
 from handbench.methods.kit import checkpoint
@@ -140,10 +140,15 @@ def test_a_patch_is_about_the_hand_and_somewhere_where_the_mask_is_faint() -> No
     assert len(rows) == 64 and rows.max() < 20 and columns.max() < 30
 
 
-def test_what_cannot_be_trained_on_is_refused(recording: Recording, poses: list[Taken]) -> None:
+def test_what_cannot_be_trained_on_is_refused(
+    recording: Recording, poses: list[Taken], monkeypatch: pytest.MonkeyPatch
+) -> None:
     hand = hand_model()
     with pytest.raises(Unsupported, match="no training frames"):
         taken(recording.where(lambda frame: False), hand, False, 0)
+    with monkeypatch.context() as patch, pytest.raises(InputError, match="no skinning weights"):
+        patch.setattr(type(hand), "weights", lambda self, level: np.zeros(0))
+        trained(SHORT, hand, recording, 0, silent)
     with pytest.raises(Unsupported, match="smaller patch"):
         drawn(poses[0], 10, 64, np.random.default_rng(0))
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from .deformation import Deformation
 from .roots import AllBones, NearestBones, Roots, Starts, attached, canonicalise
-from .weightfield import WeightField
+from .weightfield import WeightField, skinning_weights
 
 __all__ = [
     "AllBones",
@@ -23,4 +23,5 @@ __all__ = [
     "WeightField",
     "attached",
     "canonicalise",
+    "skinning_weights",
 ]

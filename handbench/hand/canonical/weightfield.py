@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ...errors import InputError
 from ...lattice import Lattice
+from ...scene import Array
 from ..handmodel import HandModel
 
 SPACING = 4e-3
@@ -62,12 +63,7 @@ class WeightField:
         if shape is None:
             return _neutral(hand, spacing)
         level = min(1, hand.levels)
-        known = np.asarray(hand.weights(level))
-        if known.ndim != 2 or known.shape[1] != len(hand.joint_names) or not known.any(axis=1).all():
-            raise InputError(
-                f"hand model {hand.name!r} has no skinning weights for each of its vertices (weights(level) is "
-                f"{known.shape}); canonicalisation needs them"
-            )
+        known = skinning_weights(hand, level)
         around = torch.tensor(np.asarray(shape), dtype=torch.float32)
         coarse, _ = hand.rest_points(around)
         rest = hand.subdivide(coarse, level)
@@ -91,6 +87,17 @@ class WeightField:
         vertices = self.hand.subdivide(self.hand.rest_points(shape)[0].to(self.rest.dtype), self.level)
         moved = vertices - self.rest
         return (moved[self.vertices] * self.share[..., None]).sum(dim=1)
+
+
+def skinning_weights(hand: HandModel, level: int) -> Array:
+    """The weights (V, J) of a level's vertices. Raises `InputError` for a hand model that has none for each of them."""
+    known = np.asarray(hand.weights(level))
+    if known.ndim != 2 or known.shape[1] != len(hand.joint_names) or not known.any(axis=1).all():
+        raise InputError(
+            f"hand model {hand.name!r} has no skinning weights for each of its vertices (weights({level}) is "
+            f"{known.shape}); canonicalisation needs them"
+        )
+    return known
 
 
 @lru_cache(maxsize=4)
