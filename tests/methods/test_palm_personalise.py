@@ -71,7 +71,7 @@ def posed(model: Model, codes: Codes, shape: Tensor, joints: Tensor, rotation: T
 
 @pytest.fixture(autouse=True)
 def analytic(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in (("render", render), ("PosedHand", posed), ("Codes", Codes)):
+    for name, value in (("render", render), ("PosedHand", posed), ("LatentCodes", Codes)):
         monkeypatch.setattr(personalise, name, value)
 
 
