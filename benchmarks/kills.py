@@ -211,7 +211,7 @@ def _phase(run: Path) -> str:
         return "reports"
     if any(run.glob("checkpoints/*/*")):
         return "training"
-    return f"cells, {done} of {len(planned['cells'])} done"
+    return f"cells, {done} of {len(planned.cells)} done"
 
 
 def main() -> None:
