@@ -21,6 +21,7 @@ from handbench.methods.kit.engine import Budget, Player, fit, light_weights
 from handbench.methods.kit.layers import Keep, channels_last
 
 BUDGET = Budget(steps=60, batch=2, rate=(1e-2, 1e-3), warmup=5)
+BRIEF = Budget(steps=9, batch=2, rate=(1e-2, 1e-3), warmup=2)
 
 
 class Killed(Exception):
@@ -131,13 +132,13 @@ def test_a_damaged_or_foreign_checkpoint_starts_anew(tmp_path: Path, monkeypatch
     monkeypatch.setattr(checkpoint, "EVERY", 0.0)
     whole = Game()
     with checkpoints_in(tmp_path):
-        whole.play()
+        whole.play(BRIEF)
         file = tmp_path / "game.safetensors"
         kept = file.read_bytes()
         for content in (kept[: len(kept) // 2], b"", b"no tensors at all"):
             file.write_bytes(content)
             again = Game()
-            again.play()
+            again.play(BRIEF)
             assert again.calls == whole.calls
             assert all(torch.equal(a, b) for a, b in zip(whole.weights, again.weights, strict=True))
     assert [path.name for path in tmp_path.iterdir()] == ["game.safetensors"]
@@ -168,7 +169,7 @@ def test_a_checkpoint_that_cannot_be_starts_anew_with_a_word(
     monkeypatch.setattr(checkpoint, "EVERY", 0.0)
     whole = Game()
     with checkpoints_in(tmp_path):
-        whole.play()
+        whole.play(BRIEF)
         file = tmp_path / "game.safetensors"
         with safe_open(file, framework="pt") as opened:
             about = json.loads(opened.metadata()["about"])
@@ -180,7 +181,7 @@ def test_a_checkpoint_that_cannot_be_starts_anew_with_a_word(
         digest = wrong.get("digest", checkpoint._digest(told, tensors))
         save_file(tensors, file, {"about": told, "digest": digest})
         again = Game()
-        again.play()
+        again.play(BRIEF)
     assert again.calls == whole.calls
     assert all(torch.equal(a, b) for a, b in zip(whole.weights, again.weights, strict=True))
     assert "game.safetensors cannot be used (" in capsys.readouterr().err
