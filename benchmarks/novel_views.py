@@ -1,9 +1,10 @@
 """How well PALM-Net draws its own prior's people from a camera that was kept out: `python -m benchmarks.novel_views`.
 
 Trains the prior of `quick` without one of openscans' cameras, tells its time and greatest memory, and then draws the
-radiance field's colours of some poses of each person from that camera and from another one. PSNR is in sRGB: of the
-mask, of what is more than three pixels inside it, and of the rest, its outline. `--weights` takes a prior that a run
-kept (runs/…/priors/…/state) instead, which has seen all cameras.
+radiance field's colours of one pose of each person from that camera and from another one: as `quick` draws pictures,
+by the surface's first hits with nine rays a pixel for alpha, and marched through the volume, one ray a pixel. PSNR is
+in sRGB: of the mask, of what is more than three pixels inside it, and of the rest, its outline. `--weights` takes a
+prior that a run kept (runs/…/priors/…/state) instead, which has seen all cameras.
 """
 
 from __future__ import annotations
@@ -21,35 +22,59 @@ from scipy.ndimage import binary_erosion
 from handbench.data.capture import open_capture
 from handbench.hand import hand_model
 from handbench.method import Prior
+from handbench.methods.palm.drawing import DrawingSettings, facing
 from handbench.methods.palm.frames import Taken, TrainingCrop, taken
 from handbench.methods.palm.method import Palm, PalmPrior
 from handbench.methods.palm.model import PalmModel
 from handbench.methods.palm.posed import PosedHand, render
+from handbench.methods.palm.surface import FieldSurface
 from handbench.methods.palm.training import Lesson
 from handbench.recording import Recording
+from handbench.render.see.posedmesh import PosedMesh
+from handbench.render.see.raster import rasterise
 from handbench.scene import Array
 from handbench.scene.colour import srgb
 
 _INSIDE = 3  # pixels
 
 
-def seen(posed: PosedHand, picture: TrainingCrop) -> tuple[Array, Array]:
-    """The radiance field's colours (h, w, 3) and alpha (h, w) of a picture."""
-    height, width = picture.alpha.shape
+def drawn(posed: PosedHand, surface: FieldSurface, crop: TrainingCrop) -> tuple[Array, Array]:
+    """The radiance field's colours (h, w, 3) and alpha (h, w) of a picture as `quick` draws one, see `surface_view`."""
+    model, (height, width) = posed.model, crop.alpha.shape
+    raster = rasterise(PosedMesh(surface.mesh), crop.camera, DrawingSettings().supersample)
+    pixel, first, count = np.unique(raster.pixel, return_index=True, return_counts=True)
+    middle = first + count // 2
+    share = torch.from_numpy(raster.barycentric[middle])[..., None]
+    faces = surface.mesh.topology.faces[raster.face[middle]].astype(np.int64)
+    x = (share * surface.canonical[torch.from_numpy(faces)]).sum(dim=1)
+    point = (share.double() * torch.from_numpy(surface.mesh.vertices[faces])).sum(dim=1)
+    view = torch.nn.functional.normalize(torch.from_numpy(crop.camera.centre) - point, dim=1).float()
+    normal = facing(torch.from_numpy(raster.normal[middle]).float(), view)
+    reflected = 2.0 * (view * normal).sum(dim=1, keepdim=True) * normal - view
+    colour = model.radiance(x, model.geometry(x, posed.conditions).feature, reflected, normal, posed.conditions)
+    image = np.zeros((raster.alpha.size, 3), dtype=np.float32)
+    image[pixel] = raster.alpha.reshape(-1, 1)[pixel] * colour.numpy()
+    left, top = crop.corner
+    part = slice(top, top + height), slice(left, left + width)
+    return image.reshape(*raster.alpha.shape, 3)[part], raster.alpha[part]
+
+
+def marched(posed: PosedHand, crop: TrainingCrop) -> tuple[Array, Array]:
+    """The same by a march of one ray a pixel."""
+    height, width = crop.alpha.shape
     rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
-    found = render(posed, *picture.rays(rows.reshape(-1).float(), columns.reshape(-1).float()))
+    found = render(posed, *crop.rays(rows.reshape(-1).float(), columns.reshape(-1).float()))
     return found.radiance(posed).view(height, width, 3).numpy(), found.alpha.view(height, width).numpy()
 
 
-def compared(posed: PosedHand, picture: TrainingCrop) -> tuple[float, ...]:
+def compared(image: Array, alpha: Array, crop: TrainingCrop) -> tuple[float, ...]:
     """PSNR in the mask, inside, at the outline, and the masks' overlap."""
-    image, alpha = seen(posed, picture)
-    mask = picture.alpha.numpy() > 0.5
+    mask = crop.alpha.numpy() > 0.5
     inside = binary_erosion(mask, iterations=_INSIDE)
-    error = (srgb(image) - srgb(picture.image.numpy())) ** 2
-    drawn = alpha > 0.5
+    error = (srgb(image) - srgb(crop.image.numpy())) ** 2
+    found = alpha > 0.5
     parts = (mask, inside, mask & ~inside)
-    return *(-10.0 * float(np.log10(error[part].mean())) for part in parts), (drawn & mask).sum() / (drawn | mask).sum()
+    return *(-10.0 * float(np.log10(error[part].mean())) for part in parts), (found & mask).sum() / (found | mask).sum()
 
 
 @torch.no_grad()
@@ -57,16 +82,21 @@ def tell(label: str, model: PalmModel, poses: Sequence[Taken], camera: str) -> N
     """Means of the pictures of a camera, one pose of each person."""
     lesson = Lesson(model, list(poses))
     last = {pose.person: number for number, pose in enumerate(poses)}
-    rows = []
+    rows: dict[str, list[tuple[float, ...]]] = {"as quick draws": [], "marched": []}
     for number in last.values():
         posed = lesson.posed(number)
-        rows += [compared(posed, picture) for picture in poses[number].pictures if picture.camera.name == camera]
-    mask, inside, outline, overlap = np.mean(rows, axis=0)
-    print(
-        f"{label} {camera}, {len(rows)} pictures: {mask:.2f} dB in the mask, {inside:.2f} inside, {outline:.2f} at the "
-        f"outline, IoU {overlap:.3f}",
-        flush=True,
-    )
+        surface = posed.surface(DrawingSettings().spacing)
+        for picture in poses[number].pictures:
+            if picture.camera.name == camera:
+                rows["as quick draws"].append(compared(*drawn(posed, surface, picture), picture))
+                rows["marched"].append(compared(*marched(posed, picture), picture))
+    for how, values in rows.items():
+        mask, inside, outline, overlap = np.mean(values, axis=0)
+        print(
+            f"{label} {camera}, {len(values)} pictures {how}: {mask:.2f} dB in the mask, {inside:.2f} inside, "
+            f"{outline:.2f} at the outline, IoU {overlap:.3f}",
+            flush=True,
+        )
 
 
 def learned(recording: Recording, keep: Path | None) -> Prior:
