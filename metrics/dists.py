@@ -8,14 +8,15 @@ The backbone is that of LPIPS (float16 weights); the learned weights of the chan
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 
 import torch
 from torch import Tensor
 from torch.nn.functional import conv2d
 
 from .base import Family
-from .networks import batch, features, weights
+from .networks import batch, features, strides, weights
+from .tiles import Tile, tiles
 from .truths import remembered
 from .view import View
 
@@ -24,24 +25,57 @@ EPSILON = 1e-6  # c1 and c2 of the paper
 
 def dists(view: View) -> float:
     """The distance: 0 for equal images, about 1 for unrelated ones."""
-    alpha, beta = _weights()
+    parts = list(tiles(*view.support.shape))
     with torch.no_grad():
-        truth, prediction = remembered("dists", batch(view.truth), _layers), _layers(batch(view.prediction))
-        texture, structure = zip(*map(_similarities, prediction, truth), strict=True)
+        if len(parts) == 1:
+            layers = partial(_layers, parts[0])
+            truth, prediction = remembered("dists", batch(view.truth), layers), layers(batch(view.prediction))
+            moments = [_moments(a, b) for a, b in zip(prediction, truth, strict=True)]
+        else:
+            moments = _in_tiles(view, parts)
+        texture, structure = zip(*(_similarities(*of_layer) for of_layer in moments), strict=True)
+        alpha, beta = _weights()
         return float(alpha @ (1 - torch.cat(texture)) + beta @ (1 - torch.cat(structure)))
 
 
-def _layers(image: Tensor) -> list[Tensor]:
-    """An image (1, 3, H, W) itself and its five layers of features, each (pixels, channels)."""
-    return [layer[0].permute(1, 2, 0).flatten(0, 1) for layer in (image, *features("vgg", image, pool=_l2_pool))]
+def _layers(tile: Tile, image: Tensor) -> list[Tensor]:
+    """A tile's image (1, 3, H, W) itself and its five layers of features, what is its own, each (pixels, channels)."""
+    maps = zip((image, *features("vgg", image, pool=_l2_pool)), (1, *strides("vgg")), strict=True)
+    return [layer[0][:, *tile.features(stride)].permute(1, 2, 0).flatten(0, 1) for layer, stride in maps]
 
 
-def _similarities(a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
-    """Of means and of structure (Eq. 3 and 4), each (channels,), of two layers (pixels, channels)."""
+def _moments(a: Tensor, b: Tensor) -> tuple[Tensor, ...]:
+    """Means, variances and covariance of the channels of two layers (pixels, channels)."""
     mean_a, mean_b = a.mean(0), b.mean(0)
-    texture = (2 * mean_a * mean_b + EPSILON) / (mean_a**2 + mean_b**2 + EPSILON)
     a, b = a - mean_a, b - mean_b
-    structure = (2 * (a * b).mean(0) + EPSILON) / ((a * a).mean(0) + (b * b).mean(0) + EPSILON)
+    return mean_a, mean_b, (a * a).mean(0), (b * b).mean(0), (a * b).mean(0)
+
+
+def _in_tiles(view: View, parts: list[Tile]) -> list[tuple[Tensor, ...]]:
+    """`_moments` of all layers of a large picture: float64 sums over its tiles, of values and of their products."""
+    sums: list[Tensor] = []
+    counts: list[int] = []
+    for tile in parts:
+        pair = [_layers(tile, batch(image[tile.cut])) for image in (view.prediction, view.truth)]
+        for layer, (a, b) in enumerate(zip(*pair, strict=True)):
+            if layer == len(sums):
+                sums.append(torch.zeros(5, a.shape[1], dtype=torch.float64))
+                counts.append(0)
+            counts[layer] += len(a)
+            for row, values in enumerate((a, b, a * a, b * b, a * b)):
+                sums[layer][row] += values.sum(0, dtype=torch.float64)
+    moments = []
+    for total, count in zip(sums, counts, strict=True):
+        mean_a, mean_b, aa, bb, ab = total / count
+        found = (mean_a, mean_b, aa - mean_a**2, bb - mean_b**2, ab - mean_a * mean_b)
+        moments.append(tuple(moment.float() for moment in found))
+    return moments
+
+
+def _similarities(mean_a: Tensor, mean_b: Tensor, aa: Tensor, bb: Tensor, ab: Tensor) -> tuple[Tensor, Tensor]:
+    """Of means and of structure (Eq. 3 and 4), each (channels,), of two layers with these `_moments`."""
+    texture = (2 * mean_a * mean_b + EPSILON) / (mean_a**2 + mean_b**2 + EPSILON)
+    structure = (2 * ab + EPSILON) / (aa + bb + EPSILON)
     return texture, structure
 
 

@@ -15,26 +15,36 @@ import torch
 from torch import Tensor
 
 from .base import Family
-from .networks import batch, features, weights
+from .networks import STAGES, batch, features, strides, weights
+from .tiles import Tile, tiles
 from .truths import remembered
 from .view import View
 
 
 def lpips(network: str, view: View) -> float:
     """The distance, 0 for equal images, of "alex" or "vgg". Images go one by one: batches are no faster on a CPU."""
+    heads = [weights(f"lpips_{network}")[f"head{layer}.weight"] for layer in range(len(STAGES[network]))]
+    found: list[list[tuple[float, int]]] = [[] for _ in heads]  # mean and number of features, by layer and tile
     with torch.no_grad():  # not inference_mode: the weights that it loads may be trained through later
-        truth = remembered(f"lpips-{network}", batch(view.truth), partial(_directions, network))
-        prediction = _directions(network, batch(view.prediction))
-        total = 0.0
-        for layer, (a, b) in enumerate(zip(prediction, truth, strict=True)):
-            head = weights(f"lpips_{network}")[f"head{layer}.weight"]
-            total += float((a - b).square_().mean(0) @ head)
+        for tile in tiles(*view.support.shape):
+            directions = partial(_directions, network, tile)
+            truth, prediction = batch(view.truth[tile.cut]), batch(view.prediction[tile.cut])
+            whole = tile.own == tile.cut
+            of_truth = remembered(f"lpips-{network}", truth, directions) if whole else directions(truth)
+            for layer, a, b, head in zip(found, directions(prediction), of_truth, heads, strict=True):
+                if len(a):
+                    layer.append((float((a - b).square_().mean(0) @ head), len(a)))
+    total = 0.0
+    for layer in found:
+        count = sum(n for _, n in layer)
+        total += sum(value * (n / count) for value, n in layer)
     return total
 
 
-def _directions(network: str, image: Tensor) -> list[Tensor]:
-    """Features of an image (1, 3, H, W) of each layer (pixels, channels), each pixel's divided by its length."""
-    layers = [layer[0].permute(1, 2, 0).flatten(0, 1) for layer in features(network, image)]
+def _directions(network: str, tile: Tile, image: Tensor) -> list[Tensor]:
+    """Own features of a tile's image (1, 3, H, W), of each layer (pixels, channels), each divided by its length."""
+    maps = zip(features(network, image), strides(network), strict=True)
+    layers = [layer[0][:, *tile.features(stride)].permute(1, 2, 0).flatten(0, 1) for layer, stride in maps]
     return [layer.div_(torch.linalg.vector_norm(layer, dim=1, keepdim=True) + 1e-10) for layer in layers]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from math import prod
 from pathlib import Path
 from typing import NamedTuple
 
@@ -48,6 +49,15 @@ STAGES = {
         Stage((2, 2), ((1, 1),) * 3),
     ),
 }
+
+
+def strides(network: str) -> list[int]:
+    """Pixels from one feature to the next after every stage."""
+    found, stride = [], 1
+    for stage in STAGES[network]:
+        stride *= stage.pool[1] * prod(step for step, _ in stage.convolutions)
+        found.append(stride)
+    return found
 
 
 @cache

@@ -18,8 +18,9 @@ from handbench.errors import Unsupported
 from handbench.scene.colour import srgb
 
 from ..base import PairFamily
-from ..networks import features, weights
+from ..networks import STAGES, features, strides, weights
 from ..pair import Pair
+from ..tiles import tiles
 
 CAP = 100.0
 CAPPED = f"cap:{CAP:g}"
@@ -150,10 +151,17 @@ def _distances(network: str, one: NDArray[np.floating], other: NDArray[np.floati
         raise Unsupported(
             f"picture of {one.shape[0]}x{one.shape[1]} pixels is smaller than the {_LEAST[network]} that LPIPS needs"
         )
+    heads = [weights(f"lpips_{network}")[f"head{i}.weight"] for i in range(len(STAGES[network]))]
+    rows: list[list[list[Tensor]]] = [[] for _ in heads]  # by layer: rows of tiles
     with torch.no_grad():
-        # `features` maps [0, 1] to [-1, 1] itself
-        batch = torch.from_numpy(np.stack([one, other]).astype(np.float32)).permute(0, 3, 1, 2)
-        layers = features(network, (batch + 1.0) / 2.0)
-        unit = [f / (torch.linalg.vector_norm(f, dim=1, keepdim=True) + 1e-10) for f in layers]
-        heads = (weights(f"lpips_{network}")[f"head{i}.weight"] for i in range(len(unit)))
-        return [torch.einsum("chw,c->hw", (f[0] - f[1]) ** 2, head) for f, head in zip(unit, heads, strict=True)]
+        for tile in tiles(*one.shape[:2]):
+            # `features` maps [0, 1] to [-1, 1] itself
+            cut = np.stack([one[tile.cut], other[tile.cut]]).astype(np.float32)
+            layers = features(network, (torch.from_numpy(cut).permute(0, 3, 1, 2) + 1.0) / 2.0)
+            for row, layer, stride, head in zip(rows, layers, strides(network), heads, strict=True):
+                f = layer[:, :, *tile.features(stride)]
+                unit = f / (torch.linalg.vector_norm(f, dim=1, keepdim=True) + 1e-10)
+                if tile.own[1].start == 0:
+                    row.append([])
+                row[-1].append(torch.einsum("chw,c->hw", (unit[0] - unit[1]) ** 2, head))
+    return [torch.cat([torch.cat(of_row, 1) for of_row in row]) for row in rows]
