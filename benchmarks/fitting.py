@@ -26,7 +26,7 @@ LEVEL = 2  # of the surface that is photographed; fits see coarser ones
 
 
 @dataclass(frozen=True)
-class Noise:
+class CaptureNoise:
     """What a detector, a matting network and a phone's depth sensor get wrong.
 
     key_points: pixels, standard deviation; outliers: share of key points that are `astray` times as far off;
@@ -50,7 +50,7 @@ class Sitter:
     shape: Array
     pose: Pose
     camera: Camera
-    noise: Noise
+    noise: CaptureNoise
 
     @property
     def vertices(self) -> Array:
@@ -81,7 +81,7 @@ def _ragged(alpha: Array, pixels: float, rng: np.random.Generator) -> Array:
     return binary_opening(binary_closing(mask)).astype(np.float32)
 
 
-def _measured(depth: Array, alpha: Array, noise: Noise, rng: np.random.Generator) -> Array:
+def _measured(depth: Array, alpha: Array, noise: CaptureNoise, rng: np.random.Generator) -> Array:
     """Depth of a sensor: smooth and white errors, holes, and the outermost pixels mixed with what is behind."""
     smooth = gaussian_filter(rng.normal(size=depth.shape), 6.0)
     found = depth + noise.depth * (0.6 * smooth / smooth.std() + 0.8 * rng.normal(size=depth.shape))
@@ -98,7 +98,7 @@ def camera(width: int = 384, height: int = 512, distance: float = 0.5) -> Camera
     return Camera("phone", width, height, K, pose)
 
 
-def sitter(rng: np.random.Generator, noise: Noise = Noise(), pose: Pose | None = None) -> Sitter:
+def sitter(rng: np.random.Generator, noise: CaptureNoise = CaptureNoise(), pose: Pose | None = None) -> Sitter:
     """A random adult in a random pose (or a given one), any side towards the camera, the forearm more down than up."""
     hand = hand_model()
     joints = (pose or hand.sample_pose(rng)).joints
@@ -132,7 +132,7 @@ def errors_of(ours: Array, theirs: Array, camera: Camera, moved: Array) -> Error
     return Errors(*(float(np.linalg.norm(off, axis=1).mean()) for off in (a - b, scale * a - b, a - b - moved)))
 
 
-def scan(rng: np.random.Generator, count: int, noise: Noise = Noise()) -> list[Sitter]:
+def scan(rng: np.random.Generator, count: int, noise: CaptureNoise = CaptureNoise()) -> list[Sitter]:
     """A hand with nearly still fingers that turns once in front of a phone, as a person scans it."""
     hand = hand_model()
     shape = np.asarray(hand.sample_identity(rng), dtype=np.float64)

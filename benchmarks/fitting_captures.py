@@ -41,7 +41,7 @@ USUAL: dict[CaptureName, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class KnownPicture:
     """A picture, the frame with its hand as it is, and what kind of picture it is."""
 
     picture: HandPicture
@@ -49,11 +49,11 @@ class Known:
     groups: tuple[str, ...]
 
 
-Row: TypeAlias = tuple[Known, Errors | None, str]
+Row: TypeAlias = tuple[KnownPicture, Errors | None, str]
 """A picture, how far its hand is off, if one was found, and why it was refused, or \"\"."""
 
 
-def known(capture: CaptureName, size: str) -> list[list[Known]]:
+def known(capture: CaptureName, size: str) -> list[list[KnownPicture]]:
     """Every picture that can be enrolled, subject by subject in the order of time."""
     found, source = hand_model(), open_capture(size, capture=capture)
     frames = [frame for frame in source.frames() if frame.segment == SEGMENTS[capture]]
@@ -64,7 +64,7 @@ def known(capture: CaptureName, size: str) -> list[list[Known]]:
         own = source.recording(frame for frame in frames if frame.subject == subject)
         truths = {frame.key: source.truth(frame) for frame in own.frames}
         each = [(picture, truths[picture.name]) for picture in pictures(own)]
-        people.append([Known(picture, truth, (tone, *_seen(found, truth))) for picture, truth in each])
+        people.append([KnownPicture(picture, truth, (tone, *_seen(found, truth))) for picture, truth in each])
     return people
 
 
@@ -87,7 +87,7 @@ def _seen(hand: HandModel, truth: Frame) -> tuple[str, str]:
     return f"from the {side}", "straight fingers" if reach.mean() > 0.9 else "bent fingers"
 
 
-def some(people: Sequence[Sequence[Known]], each: int) -> list[Known]:
+def some(people: Sequence[Sequence[KnownPicture]], each: int) -> list[KnownPicture]:
     """At most some pictures of each person, spread over the sequence."""
     return [picture for own in people for picture in evenly(own, each)]
 

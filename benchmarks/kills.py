@@ -34,7 +34,7 @@ RUN = ("run", "smoke", "--methods", "mean,urhand", "--out", "run")
 
 
 @dataclass
-class Losses:
+class KillCosts:
     """What 50 kills, or so, lost. `phases` counts what a run was at when it was killed."""
 
     kills: int = 0
@@ -156,9 +156,9 @@ def results(run: Path) -> dict[str, Any]:
     return found | files(run / "predictions")
 
 
-def kills(count: int, seed: int, places: Path) -> Losses:
+def kills(count: int, seed: int, places: Path) -> KillCosts:
     """Kill runs in folders of `places` until `count` have died."""
-    rng, losses = np.random.default_rng(seed), Losses()
+    rng, losses = np.random.default_rng(seed), KillCosts()
     whole = places / "whole"
     with Runs() as runs:
         begin = time.monotonic()
@@ -179,7 +179,7 @@ def kills(count: int, seed: int, places: Path) -> Losses:
     return losses
 
 
-def _once(runs: Runs, folder: Path, milliseconds: int, losses: Losses, killing: bool) -> bool:
+def _once(runs: Runs, folder: Path, milliseconds: int, losses: KillCosts, killing: bool) -> bool:
     """Start a run that dies after a time; True if it got through before."""
     run = folder / "run"
     before = finished(run)

@@ -47,7 +47,7 @@ def scoring() -> list[Measurement]:
 
 
 def _scoring(framing: str, size: float) -> list[Measurement]:
-    reference, times = Reference(), _Times()
+    reference, times = ReferenceMetrics(), _Times()
     metrics = {"whole": [metric(spec) for spec in WHOLE], "usual": [metric(spec) for spec in USUAL]}
     first = next(_chunks(size))[0]
     scores(metrics["usual"], [Pair(first.truth, first.prediction, first.mask)])  # reads the weights, knows no truth
@@ -91,7 +91,7 @@ class _Times:
         return [a / b for a, b in zip(self._seconds[what], self._seconds["reference"], strict=True)]
 
 
-class Reference:
+class ReferenceMetrics:
     """PSNR and SSIM by scikit-image in float64, LPIPS-Alex by plain torch in float32 and its usual memory order."""
 
     def __init__(self) -> None:
@@ -127,7 +127,7 @@ class Reference:
             yield x
 
 
-def _expected(reference: Reference, shown: Sequence[tuple[Picture, Picture]]) -> list[list[float]]:
+def _expected(reference: ReferenceMetrics, shown: Sequence[tuple[Picture, Picture]]) -> list[list[float]]:
     return [reference.scores(*images) for images in shown]
 
 

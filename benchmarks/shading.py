@@ -27,7 +27,7 @@ Features = Callable[..., tuple[Tensor, Tensor]]
 REPEATS = 7
 
 
-class Scene:
+class ShadingScene:
     """A posed hand at the covered texels of an R x R texture under distant lights, shadows known."""
 
     def __init__(self, frame: Frame, size: int, lights: int) -> None:
@@ -65,10 +65,15 @@ def some_frame() -> Frame:
 def shading() -> list[Measurement]:
     """Forward at texture 256 with 150 lights, forward and backward at 512 with 32, all skips at 256 with 5 of 150."""
     frame = some_frame()
-    return [*_forward(Scene(frame, 256, 150)), *_training(Scene(frame, 512, 32)), *_memory(), *_skips(frame)]
+    return [
+        *_forward(ShadingScene(frame, 256, 150)),
+        *_training(ShadingScene(frame, 512, 32)),
+        *_memory(),
+        *_skips(frame),
+    ]
 
 
-def _forward(scene: Scene) -> list[Measurement]:
+def _forward(scene: ShadingScene) -> list[Measurement]:
     first = seconds(lambda: scene.forward(light_features), 1)
     fused, naive = _side_by_side(lambda: scene.forward(light_features), lambda: scene.forward(naive_features))
     pairs = scene.texels * len(scene.lights) / 1e6
@@ -79,7 +84,7 @@ def _forward(scene: Scene) -> list[Measurement]:
     ]
 
 
-def _training(scene: Scene) -> list[Measurement]:
+def _training(scene: ShadingScene) -> list[Measurement]:
     scene.train(light_features)
     ours, naive = _side_by_side(lambda: scene.train(light_features), lambda: scene.train(naive_features), 3)
     name = "forward and backward, 512, 32 lights: share of naive torch's time"
@@ -107,7 +112,7 @@ def _peak(which: str) -> float:
 def tell_peak(which: str) -> None:
     features = {"light": light_features, "naive": naive_features}[which]
     frame = some_frame()
-    scene = Scene(frame, 512, 32)
+    scene = ShadingScene(frame, 512, 32)
     scene.train(features)  # what allocators and the compiler keep for good is no part of the peak
     status = Path("/proc/self/status")
     Path("/proc/self/clear_refs").write_text("5")  # Linux: starts the peak anew

@@ -48,7 +48,7 @@ for number, finger in enumerate(FINGERS, 1):
         JOINTS[f"{finger}{k}"] = ((f"finger{number}-{k}.R",), base if k == 1 else f"{finger}{k - 1}")
 
 
-class Source:
+class MakeHumanWheel:
     """The MakeHuman files inside the wheel."""
 
     def __init__(self, wheel: Path) -> None:
@@ -100,7 +100,7 @@ class Source:
         return np.array([info["vertex_index"]])
 
 
-def adult_shapes(source: Source, count: int = 400) -> tuple[np.ndarray, np.ndarray]:
+def adult_shapes(source: MakeHumanWheel, count: int = 400) -> tuple[np.ndarray, np.ndarray]:
     """Mean displacement (N, 3) and samples (count, N, 3) of MakeHuman's adults: race, sex, age, muscle and weight."""
     races, sexes, ages = ("african", "asian", "caucasian"), ("female", "male"), ("young", "old")
     levels = ("min", "average", "max")
@@ -164,7 +164,7 @@ def boundary_loop(faces: np.ndarray) -> np.ndarray:
     return np.array(loop)
 
 
-def cut(source: Source, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def cut(source: MakeHumanWheel, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows of `source.faces` of the hand and its forearm stub, given rest vertices (N, 3) in canonical metres."""
     total = np.zeros(len(rest))
     for bones, _ in JOINTS.values():
@@ -190,7 +190,7 @@ def main() -> None:
         "--out", type=Path, default=Path(__file__).parents[1] / "handbench" / "hand" / "openhand" / "template.npz"
     )
     options = parser.parse_args()
-    source = Source(options.wheel)
+    source = MakeHumanWheel(options.wheel)
 
     mean, samples = adult_shapes(source)
     neutral = source.vertices + mean

@@ -32,7 +32,7 @@ BACK, PALM = (0.12, 0.1, -1.0), (-0.1, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class Tile:
+class HeroTile:
     """Who, in which pose and turned how (degrees), in which light; `view`: from the target to the camera; `target`: in
     metres; `high`: metres of the scene that the picture's height covers."""
 
@@ -47,12 +47,12 @@ class Tile:
 
 
 TILES = (
-    Tile("side", PALE, "rest", (0, 12, -4), "side", BACK),
-    Tile("behind", PALE, "open", (0, -14, 3), "behind", PALM),
-    Tile("close", PALE, "rest", (0, 12, -4), "sun", BACK, (-0.005, 0.105, 0.0), 0.11),
-    Tile("sun", DARK, "rest", (0, 12, -4), "sun", BACK),
-    Tile("indoor", DARK, "open", (0, -14, 3), "indoor", PALM),
-    Tile("palm", DARK, "open", (0, -14, 3), "side-palm", PALM, (0.0, 0.085, 0.0), 0.11),
+    HeroTile("side", PALE, "rest", (0, 12, -4), "side", BACK),
+    HeroTile("behind", PALE, "open", (0, -14, 3), "behind", PALM),
+    HeroTile("close", PALE, "rest", (0, 12, -4), "sun", BACK, (-0.005, 0.105, 0.0), 0.11),
+    HeroTile("sun", DARK, "rest", (0, 12, -4), "sun", BACK),
+    HeroTile("indoor", DARK, "open", (0, -14, 3), "indoor", PALM),
+    HeroTile("palm", DARK, "open", (0, -14, 3), "side-palm", PALM, (0.0, 0.085, 0.0), 0.11),
 )
 
 
@@ -82,7 +82,7 @@ def _skin(subject: int) -> Skin:
     return make_skin(hand, someone.identity, someone.look, TEXELS)
 
 
-def _picture(tile: Tile, height: int, surfaces: dict[tuple[int, str], TracedSurface], tracer: PathTracer) -> Array:
+def _picture(tile: HeroTile, height: int, surfaces: dict[tuple[int, str], TracedSurface], tracer: PathTracer) -> Array:
     """Linear pixels (height, 3/4 height, 3) before what lies far behind, out of focus."""
     hand = OpenHand.load()
     if (tile.subject, tile.pose) not in surfaces:
@@ -95,7 +95,7 @@ def _picture(tile: Tile, height: int, surfaces: dict[tuple[int, str], TracedSurf
     return _exposed(image + (1 - alpha) * _background(lights[-1], camera))
 
 
-def _camera(tile: Tile, height: int) -> Camera:
+def _camera(tile: HeroTile, height: int) -> Camera:
     width, focal = height * 3 // 4, height / tile.high
     forward = -np.asarray(tile.view) / np.linalg.norm(tile.view)
     right = np.cross([0.0, -1.0, 0.0], forward)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from handbench.data.predictions.folder import PredictionFolder, picture_path
-from handbench.data.predictions.picture import Misfit, read_picture
+from handbench.data.predictions.picture import UnfitPicture, read_picture
 from handbench.errors import InputError, Unsupported
 from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, RecordedAvatar, Recording, silent
 from handbench.registry import Entry
@@ -27,7 +27,7 @@ class FolderAvatar(RecordedAvatar):
             raise Unsupported("the prediction folder has no picture of this query")
         try:
             return read_picture(path, query.camera)
-        except Misfit as error:  # it was whole when the folder was checked
+        except UnfitPicture as error:  # it was whole when the folder was checked
             raise InputError(f"picture {path} {error}; it has changed, score again") from error
 
 

@@ -25,7 +25,7 @@ SHIFT = (-0.030, -0.088, -0.188)
 SCALE = (0.458, 0.448, 0.450)
 
 
-class Stage(NamedTuple):
+class ConvStage(NamedTuple):
     """Max pooling (window, stride; none if the window is 1), then convolutions (stride, padding) with ReLU."""
 
     pool: tuple[int, int]
@@ -35,18 +35,18 @@ class Stage(NamedTuple):
 # features are taken after every stage: relu1 … relu5 of AlexNet, relu1_2, 2_2, 3_3, 4_3, 5_3 of VGG-16
 STAGES = {
     "alex": (
-        Stage((1, 1), ((4, 2),)),
-        Stage((3, 2), ((1, 2),)),
-        Stage((3, 2), ((1, 1),)),
-        Stage((1, 1), ((1, 1),)),
-        Stage((1, 1), ((1, 1),)),
+        ConvStage((1, 1), ((4, 2),)),
+        ConvStage((3, 2), ((1, 2),)),
+        ConvStage((3, 2), ((1, 1),)),
+        ConvStage((1, 1), ((1, 1),)),
+        ConvStage((1, 1), ((1, 1),)),
     ),
     "vgg": (
-        Stage((1, 1), ((1, 1),) * 2),
-        Stage((2, 2), ((1, 1),) * 2),
-        Stage((2, 2), ((1, 1),) * 3),
-        Stage((2, 2), ((1, 1),) * 3),
-        Stage((2, 2), ((1, 1),) * 3),
+        ConvStage((1, 1), ((1, 1),) * 2),
+        ConvStage((2, 2), ((1, 1),) * 2),
+        ConvStage((2, 2), ((1, 1),) * 3),
+        ConvStage((2, 2), ((1, 1),) * 3),
+        ConvStage((2, 2), ((1, 1),) * 3),
     ),
 }
 

@@ -18,9 +18,9 @@ from handbench.studies.speed.record import (
     MITSUBA,
     RESULT,
     Implicit,
-    Measured,
+    ImplicitPart,
     MethodStudy,
-    Part,
+    PartTrial,
     Scaling,
     SceneStudy,
     SpeedRecord,
@@ -159,7 +159,7 @@ def implicit_goals(found: Implicit | None) -> list[tuple[bool, str]]:
     ]
 
 
-def least(part: Part) -> Measured:
+def least(part: ImplicitPart) -> PartTrial:
     """The last point of a part of an implicit hand, which has the least error that was asked for."""
     return part.points[-1]
 

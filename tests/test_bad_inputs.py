@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.bad_inputs import clock
 from benchmarks.bad_inputs.bases import Bases, make_bases
-from benchmarks.bad_inputs.case import BAD, Answer, Case, verdict
+from benchmarks.bad_inputs.case import BAD, BadInput, CommandResult, verdict
 from benchmarks.bad_inputs.families import FAMILIES, generate
 from benchmarks.bad_inputs.mutate import spoiled_bytes, spoiled_json, spoiled_toml
 from benchmarks.bad_inputs.runner import answers
@@ -45,18 +45,18 @@ def test_the_same_seed_makes_the_same_inputs(bases):
 @pytest.mark.parametrize(
     ("answer", "expected"),
     [
-        (Answer(0, "right"), "answered"),
-        (Answer(0, "left"), "wrong"),
-        (Answer(2, "", "handbench: no such thing\n"), "refused"),
-        (Answer(2, "", ""), "mute"),
-        (Answer(70, "", "handbench: a fault of handbench itself"), "traceback"),
-        (Answer(1, "", "Traceback (most recent call last):\n  …"), "traceback"),
-        (Answer(-11), "died"),
-        (Answer(None, lost="hang"), "hang"),
+        (CommandResult(0, "right"), "answered"),
+        (CommandResult(0, "left"), "wrong"),
+        (CommandResult(2, "", "handbench: no such thing\n"), "refused"),
+        (CommandResult(2, "", ""), "mute"),
+        (CommandResult(70, "", "handbench: a fault of handbench itself"), "traceback"),
+        (CommandResult(1, "", "Traceback (most recent call last):\n  …"), "traceback"),
+        (CommandResult(-11), "died"),
+        (CommandResult(None, lost="hang"), "hang"),
     ],
 )
 def test_a_verdict_knows_every_way_to_fail(answer, expected):
-    assert verdict(Case("runs", "x", ("list",), lambda out: out == "right"), answer) == expected
+    assert verdict(BadInput("runs", "x", ("list",), lambda out: out == "right"), answer) == expected
 
 
 def test_spoiling_changes_something():
@@ -68,10 +68,10 @@ def test_spoiling_changes_something():
 
 
 def test_a_hang_is_told_by_time_that_the_process_had(tmp_path, monkeypatch):
-    blocked = Case("commands", "blocked", (), process=("mkfifo never; read line < never",))
+    blocked = BadInput("commands", "blocked", (), process=("mkfifo never; read line < never",))
     assert next(answers([blocked], jobs=1, limit=0.2))[1].lost == "hang"
-    assert next(answers([Case("commands", "brief", (), process=("exit 3",))], jobs=1, limit=5.0))[1].code == 3
+    assert next(answers([BadInput("commands", "brief", (), process=("exit 3",))], jobs=1, limit=5.0))[1].code == 3
     starving = itertools.count(0.0, 1e6)  # seconds for which its thread waited for a processor
     monkeypatch.setattr(clock, "_waits", lambda group: iter([("1", next(starving))]))
-    late = Case("commands", "late", (), process=("sleep 0.3; exit 4",))
+    late = BadInput("commands", "late", (), process=("sleep 0.3; exit 4",))
     assert next(answers([late], jobs=1, limit=0.1))[1].code == 4

@@ -15,7 +15,7 @@ from collections import Counter
 from pathlib import Path
 
 from .bases import make_bases
-from .case import BAD, VERDICTS, Answer, Case, verdict
+from .case import BAD, VERDICTS, BadInput, CommandResult, verdict
 from .families import FAMILIES, generate
 from .runner import LIMIT, answers
 
@@ -52,7 +52,7 @@ def main() -> int:
     return 1 if faults else 0
 
 
-def _fault(case: Case, answer: Answer, found: str) -> dict[str, str]:
+def _fault(case: BadInput, answer: CommandResult, found: str) -> dict[str, str]:
     words = " ".join(case.process or case.words)
     lines = (answer.err.strip() or answer.out.strip()).splitlines()
     about = {"verdict": found, "family": case.family, "name": case.name, "words": words, "code": str(answer.code)}

@@ -13,7 +13,7 @@ BAD = VERDICTS[2:]
 
 
 @dataclass(frozen=True)
-class Answer:
+class CommandResult:
     """What a command gave: its exit code (None: it hung or died), what it printed, and how it was lost if it was."""
 
     code: int | None
@@ -23,7 +23,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Case:
+class BadInput:
     """One bad input. `words` is a command line, or a call of the worker's ("call:NAME", PATH); `right` tells of what
     was printed whether it is the right answer, where one is known: a refusal is right too."""
 
@@ -39,7 +39,7 @@ class Case:
     codes: frozenset[int] = frozenset(CODES)
 
 
-def verdict(case: Case, answer: Answer) -> str:
+def verdict(case: BadInput, answer: CommandResult) -> str:
     """One of `VERDICTS`: those of `BAD` are faults of handbench."""
     if answer.lost:
         return answer.lost

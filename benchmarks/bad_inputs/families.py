@@ -8,16 +8,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 from .bases import Bases, values
-from .case import Case
+from .case import BadInput
 from .hands import ENDLESS, avatars, formats, layouts, verbs
 from .mutate import HOSTILE_TEXTS, spoiled_bytes, spoiled_json, spoiled_toml
 from .surroundings import surroundings
 from .worker import VALUES
 
-Family = Callable[[random.Random, Bases], Case]
+Family = Callable[[random.Random, Bases], BadInput]
 
 
-def protocols(rng: random.Random, bases: Bases) -> Case:
+def protocols(rng: random.Random, bases: Bases) -> BadInput:
     """A protocol file, spoiled; or written in another way, which changes nothing."""
     if rng.random() < 0.1:
         return _special(rng, "protocols", "p.toml", ("call:protocol", "p.toml"))
@@ -31,7 +31,7 @@ def protocols(rng: random.Random, bases: Bases) -> Case:
     )
     if words[0] == "run":
         right = None
-    return Case("protocols", name, words, right, {"p.toml": text.encode("utf-8", "surrogateescape")})
+    return BadInput("protocols", name, words, right, {"p.toml": text.encode("utf-8", "surrogateescape")})
 
 
 _SAME: tuple[tuple[str, Callable[[str], str]], ...] = (
@@ -45,7 +45,7 @@ _SAME: tuple[tuple[str, Callable[[str], str]], ...] = (
 )
 
 
-def runs(rng: random.Random, bases: Bases) -> Case:
+def runs(rng: random.Random, bases: Bases) -> BadInput:
     """A run folder with a spoiled file, read by every verb that reads runs."""
     files = sorted(
         path.relative_to(bases.run).as_posix()
@@ -65,7 +65,7 @@ def runs(rng: random.Random, bases: Bases) -> Case:
         content = _other_digit(rng, content)
     else:
         content = spoiled_bytes(rng, content)
-    return Case("runs", f"{verb}: {name.split('/')[0]}", words, right, {f"run/{name}": content}, ("run", bases.run))
+    return BadInput("runs", f"{verb}: {name.split('/')[0]}", words, right, {f"run/{name}": content}, ("run", bases.run))
 
 
 _READERS = {
@@ -84,7 +84,7 @@ _READERS = {
 }
 
 
-def pictures(rng: random.Random, bases: Bases) -> Case:
+def pictures(rng: random.Random, bases: Bases) -> BadInput:
     """A pair of pictures of which one is spoiled, named wrong, or no regular file."""
     kinds = ("exr", "png", "npy")
     one, other = rng.choice(kinds), rng.choice(kinds)
@@ -107,10 +107,10 @@ def pictures(rng: random.Random, bases: Bases) -> Case:
         right = _near(bases.psnr)
     else:
         files[spoiled] = spoiled_bytes(rng, files[spoiled], rng.choice((64, 400, None)))
-    return Case("pictures", f"{spoiled.split('.')[1]} {action}", tuple(words), right, files)
+    return BadInput("pictures", f"{spoiled.split('.')[1]} {action}", tuple(words), right, files)
 
 
-def maps(rng: random.Random, bases: Bases) -> Case:
+def maps(rng: random.Random, bases: Bases) -> BadInput:
     """An environment map with a spoiled header or body."""
     name = rng.choice(list(bases.maps))
     content = bases.maps[name]
@@ -122,7 +122,7 @@ def maps(rng: random.Random, bases: Bases) -> Case:
         content = content.replace(b"-Y 8 +X 16", rng.choice(_HDR_SIZES), 1)
     else:
         content = spoiled_bytes(rng, content, rng.choice((60, 300, None)))
-    return Case("maps", name, ("call:environment", name), None, {name: content})
+    return BadInput("maps", name, ("call:environment", name), None, {name: content})
 
 
 _HDR_LINES = (b"EXPOSURE=0", b"EXPOSURE=nan", b"EXPOSURE=" + b"9" * 5000, b"COLORCORR=1 2", b"\xff\xfe", b"x" * 100_000)
@@ -131,7 +131,7 @@ _HDR_SIZES = (b"-Y 999999999 +X 999999999", b"-Y -8 +X 16", b"-Y 0 +X 0", b"+X 8
 _HDR_SIZES += (b"-Y 9" + b"9" * 5000 + b" +X 16", b"-Y 16 +X 16", b"+Y 8 -X 16", b"-Y 8 +X 17")
 
 
-def folders(rng: random.Random, bases: Bases) -> Case:
+def folders(rng: random.Random, bases: Bases) -> BadInput:
     """A prediction folder with a spoiled manifest or picture."""
     pictures = sorted(path.relative_to(bases.predictions).as_posix() for path in bases.predictions.glob("s*/**/*.exr"))
     name = rng.choice(["manifest.json"] * 3 + [rng.choice(pictures), "times.json"])
@@ -145,13 +145,13 @@ def folders(rng: random.Random, bases: Bases) -> Case:
     else:
         sound = bases.predictions / name
         content = spoiled_json(rng, sound.read_text() if sound.is_file() else _TIMES).encode("utf-8", "surrogateescape")
-    return Case("folders", name.split("/")[0], words, right, {**files, f"drawn/{name}": content}, tree)
+    return BadInput("folders", name.split("/")[0], words, right, {**files, f"drawn/{name}": content}, tree)
 
 
 _TIMES = '{"device": "a GPU", "what": "relighting", "milliseconds": {"s01/pose-2/dorsal/group-0": 3.5}}'
 
 
-def captures(rng: random.Random, bases: Bases) -> Case:
+def captures(rng: random.Random, bases: Bases) -> BadInput:
     """A light stage with a spoiled file."""
     files = sorted(path.relative_to(bases.capture).as_posix() for path in bases.capture.rglob("*") if path.is_file())
     name = rng.choice([*["capture.json"] * len(files), *["topology.npz"] * 20, *files])
@@ -163,10 +163,10 @@ def captures(rng: random.Random, bases: Bases) -> Case:
         content = spoiled_json(rng, content.decode()).encode("utf-8", "surrogateescape")
     else:
         content = spoiled_bytes(rng, content, rng.choice((400, None)))
-    return Case("captures", name.split("/")[-1], words, None, {f"stage/{name}": content}, tree)
+    return BadInput("captures", name.split("/")[-1], words, None, {f"stage/{name}": content}, tree)
 
 
-def commands(rng: random.Random, bases: Bases) -> Case:
+def commands(rng: random.Random, bases: Bases) -> BadInput:
     """A command line of a verb with odd words in it."""
     words = list(rng.choice(_COMMANDS))
     for i, word in enumerate(words):
@@ -176,7 +176,7 @@ def commands(rng: random.Random, bases: Bases) -> Case:
             words[i] = str(bases.run)
     if rng.random() < 0.2:
         words.insert(rng.randrange(1, len(words) + 1), rng.choice(_ODD))
-    return Case("commands", words[0], tuple(words))
+    return BadInput("commands", words[0], tuple(words))
 
 
 _ODD = (
@@ -278,7 +278,7 @@ FAMILIES: dict[str, tuple[Family, int]] = {
 """Families and their shares."""
 
 
-def generate(count: int, seed: int, bases: Bases, only: str | None = None) -> list[Case]:
+def generate(count: int, seed: int, bases: Bases, only: str | None = None) -> list[BadInput]:
     """`count` cases, of every family as many as its share says; case i depends on the seed and i alone."""
     names = [only] if only else list(FAMILIES)
     shares = [FAMILIES[name][1] for name in names]
@@ -295,12 +295,12 @@ def _special(
     tree: tuple[str, Path] | None = None,
     prefix: str = "",
     files: dict[str, bytes] | None = None,
-) -> Case:
+) -> BadInput:
     """What is no regular file, or endless, in the place of a file."""
     line = rng.choice(ENDLESS)
     made = f"rm -rf {name}; {line.format(name)}"
     kept = {key: content for key, content in (files or {}).items() if key != name}
-    return Case(family, f"{prefix}{line.split()[0]}", words, None, kept, tree, made)
+    return BadInput(family, f"{prefix}{line.split()[0]}", words, None, kept, tree, made)
 
 
 def _other_digit(rng: random.Random, content: bytes) -> bytes:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
-from .case import Case
+from .case import BadInput
 from .mutate import HOSTILE_TEXTS, HOSTILE_VALUES, spoiled_bytes, spoiled_json, spoiled_toml
 from .sound import Hands
 
 ENDLESS = ("mkfifo {0}", "ln -s /dev/zero {0}", "mkdir {0}", "ln -s {0} {0}", "ln -s gone {0}", "truncate -s 1T {0}")
 
 
-def layouts(rng: random.Random, hands: Hands) -> Case:
+def layouts(rng: random.Random, hands: Hands) -> BadInput:
     """A folder of pictures, plain or published, with a spoiled file: opened, a frame read, conventions checked."""
     name = rng.choice(("plain", "plain", "plain", *hands.captures))
     sound = hands.captures[name]
@@ -30,7 +30,7 @@ def layouts(rng: random.Random, hands: Hands) -> Case:
     return _case(hands, "layouts", f"{name} {kind}", words, {f"hands/{file}": content}, ("hands", sound))
 
 
-def formats(rng: random.Random, hands: Hands) -> Case:
+def formats(rng: random.Random, hands: Hands) -> BadInput:
     """A file of one format, spoiled: meshes, poses, cameras, cube maps, pictures, MANO's pickle."""
     name = rng.choice(list(hands.files))
     files = {key: content for key, content in hands.files.items() if key == name or key in _TOGETHER.get(name, ())}
@@ -49,9 +49,9 @@ def formats(rng: random.Random, hands: Hands) -> Case:
     if rng.random() < 0.08:
         line = rng.choice(ENDLESS)
         kept = {key: content for key, content in files.items() if key != name}
-        return Case("formats", f"{suffix} {line.split()[0]}", words, None, kept, None, line.format(name))
+        return BadInput("formats", f"{suffix} {line.split()[0]}", words, None, kept, None, line.format(name))
     files[name] = _spoiled(rng, name, files[name])
-    return Case("formats", suffix, words, None, files)
+    return BadInput("formats", suffix, words, None, files)
 
 
 _TOGETHER = {
@@ -61,7 +61,7 @@ _TOGETHER = {
 }
 
 
-def avatars(rng: random.Random, hands: Hands) -> Case:
+def avatars(rng: random.Random, hands: Hands) -> BadInput:
     """An avatar with a spoiled file, read and drawn, or exported."""
     files = sorted(path.relative_to(hands.avatar).as_posix() for path in hands.avatar.rglob("*") if path.is_file())
     file = rng.choice(["avatar.json"] * 6 + files)
@@ -71,13 +71,13 @@ def avatars(rng: random.Random, hands: Hands) -> Case:
     if rng.random() < 0.08:
         line = rng.choice(ENDLESS)
         made = f"rm -rf a.avatar/{file}; {line.format(f'a.avatar/{file}')}"
-        return Case("avatars", line.split()[0], words, None, {}, ("a.avatar", hands.avatar), made)
+        return BadInput("avatars", line.split()[0], words, None, {}, ("a.avatar", hands.avatar), made)
     content = _spoiled(rng, file, (hands.avatar / file).read_bytes())
     case = ("avatars", f"{words[0]} {file.rpartition('.')[2]}", words, None)
-    return Case(*case, {f"a.avatar/{file}": content}, ("a.avatar", hands.avatar))
+    return BadInput(*case, {f"a.avatar/{file}": content}, ("a.avatar", hands.avatar))
 
 
-def verbs(rng: random.Random, hands: Hands) -> Case:
+def verbs(rng: random.Random, hands: Hands) -> BadInput:
     """A command line of a verb on hands with odd words in it."""
     words = [_word(rng, hands, word) for word in rng.choice(_COMMANDS)]
     if rng.random() < 0.15 and words[0] != "view":
@@ -93,10 +93,10 @@ def _case(
     files: dict[str, bytes],
     tree: tuple[str, Path] | None = None,
     special: str = "",
-) -> Case:
+) -> BadInput:
     """A case in which MANO's files are there."""
     there = {"HANDBENCH_MANO": str(hands.mano)}
-    return Case(family, name, words, None, files, tree, special, environment=there)
+    return BadInput(family, name, words, None, files, tree, special, environment=there)
 
 
 def _word(rng: random.Random, hands: Hands, word: str) -> str:

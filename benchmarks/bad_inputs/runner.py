@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import local
 
-from .case import Answer, Case
+from .case import BadInput, CommandResult
 from .clock import STEP, Clock
 
 LIMIT = 60.0  # seconds of a `Clock` that a case may take
@@ -23,13 +23,13 @@ START = 300.0  # until a worker is ready
 _OWN = {"OMP_NUM_THREADS": "1", "PYTHONFAULTHANDLER": ""}
 
 
-class Worker:
+class CaseWorker:
     """A process that is asked one case after another."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
 
-    def ask(self, case: Case, folder: Path, limit: float) -> Answer:
+    def ask(self, case: BadInput, folder: Path, limit: float) -> CommandResult:
         if self._process is None:
             self._start()
         assert self._process is not None and self._process.stdin is not None
@@ -38,10 +38,10 @@ class Worker:
         self._process.stdin.flush()
         line = self._line(limit)
         if line:
-            return Answer(**json.loads(line))
+            return CommandResult(**json.loads(line))
         lost = "hang" if line is None else "died"
         self.end()
-        return Answer(None, lost=lost)
+        return CommandResult(None, lost=lost)
 
     def _start(self) -> None:
         command = [sys.executable, "-m", "benchmarks.bad_inputs.worker"]
@@ -69,7 +69,7 @@ class Worker:
             self._process = None
 
 
-def process(case: Case, folder: Path, limit: float) -> Answer:
+def process(case: BadInput, folder: Path, limit: float) -> CommandResult:
     """The answer of a case that needs a process of its own: "$H" in its shell line is handbench."""
     handbench = f"{sys.executable} -m handbench.cli"
     environment = {**os.environ, **_OWN, "H": handbench, **case.environment}
@@ -90,11 +90,11 @@ def process(case: Case, folder: Path, limit: float) -> Answer:
             if clock.seconds() >= limit:
                 os.killpg(started.pid, signal.SIGKILL)
                 started.wait()
-                return Answer(None, lost="hang")
+                return CommandResult(None, lost="hang")
         for file in (out, err):
             file.seek(0)
         texts = [file.read(200_000).decode("utf-8", "replace") for file in (out, err)]
-    return Answer(code, *texts)
+    return CommandResult(code, *texts)
 
 
 def _ended(process: subprocess.Popen[bytes], seconds: float) -> int | None:
@@ -105,7 +105,7 @@ def _ended(process: subprocess.Popen[bytes], seconds: float) -> int | None:
         return None
 
 
-def lay_out(case: Case, folder: Path) -> None:
+def lay_out(case: BadInput, folder: Path) -> None:
     """The files of a case; those that it does not spoil are shared with the sound ones."""
     if case.tree is not None:
         name, sound = case.tree
@@ -119,18 +119,18 @@ def lay_out(case: Case, folder: Path) -> None:
         subprocess.run(["sh", "-c", case.special], cwd=folder, check=True)
 
 
-def answers(cases: Iterable[Case], jobs: int = 2, limit: float = LIMIT) -> Iterator[tuple[Case, Answer]]:
+def answers(cases: Iterable[BadInput], jobs: int = 2, limit: float = LIMIT) -> Iterator[tuple[BadInput, CommandResult]]:
     """Every case with its answer, in their order; each is tried in a folder of its own."""
     own, workers = local(), []
 
-    def attempt(case: Case) -> tuple[Case, Answer]:
+    def attempt(case: BadInput) -> tuple[BadInput, CommandResult]:
         with tempfile.TemporaryDirectory(prefix="bad-", ignore_cleanup_errors=True) as place:
             folder = Path(place)
             lay_out(case, folder)
             if case.process:
                 return case, process(case, folder, limit)
             if not hasattr(own, "worker"):
-                own.worker = Worker()
+                own.worker = CaseWorker()
                 workers.append(own.worker)
             return case, own.worker.ask(case, folder, limit)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 from .bases import Bases
-from .case import Case
+from .case import BadInput
 
 _VERBS = (
     "list metrics",
@@ -43,11 +43,11 @@ _ENVIRONMENTS: tuple[dict[str, str], ...] = (
 _CODES = frozenset({0, 1, 2, 3, 124, 129, 130, 143})
 
 
-def surroundings(rng: random.Random, bases: Bases) -> Case:
+def surroundings(rng: random.Random, bases: Bases) -> BadInput:
     """A verb in a process of its own, in odd surroundings."""
     verb, stream, around = rng.choice(_VERBS), rng.choice(_STREAMS), rng.choice(_ENVIRONMENTS)
     line = stream.format(f"$H {verb.replace('RUN', str(bases.run))}")
-    return Case(
+    return BadInput(
         "surroundings",
         f"{verb.split()[0]} {stream}",
         (),

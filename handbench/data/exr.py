@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..files import whole
 from ..scene import Array
-from .exrheader import Part, opened, read_parts, the_part
+from .exrheader import ExrPart, opened, read_parts, the_part
 from .filekind import MAX_PIXELS
 
 
@@ -57,7 +57,7 @@ def read_exr(
 
 
 def read_channels(
-    path: Path, part: Part, names: Collection[str], what: str = "image", finite: bool = True
+    path: Path, part: ExrPart, names: Collection[str], what: str = "image", finite: bool = True
 ) -> dict[str, Array]:
     """`read_exr` of a part whose header is known."""
     if part.colours is not None:
@@ -91,7 +91,7 @@ def not_finite(name: str, pixels: Array) -> str:
     return f"channel {name!r} has {count} NaN or infinite pixels, the first ({kind}) in row {row}, column {column}"
 
 
-def _placed(pixels: Array, part: Part) -> Array:
+def _placed(pixels: Array, part: ExrPart) -> Array:
     """A channel of the data window in the display window."""
     data, display = part.data, part.display
     if data == display:

@@ -50,7 +50,7 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Part:
+class ExrPart:
     """One part of a file: channels with their sampling (x, y), the window stored and the one shown, what colours are.
 
     `colours` names primaries that are stated and are not those of Rec. 709; None if they are, or are not stated.
@@ -66,7 +66,7 @@ class Part:
     cube: bool
 
 
-def read_parts(path: Path, what: str = "image", max_pixels: int = MAX_PIXELS) -> tuple[Part, ...]:
+def read_parts(path: Path, what: str = "image", max_pixels: int = MAX_PIXELS) -> tuple[ExrPart, ...]:
     """The parts of an EXR file by its header. `what` is what messages call the file.
 
     Raises `InputError` for a file that is missing, of another kind, damaged, deep, or larger than `max_pixels`
@@ -88,7 +88,7 @@ def read_parts(path: Path, what: str = "image", max_pixels: int = MAX_PIXELS) ->
     return parts
 
 
-def the_part(parts: tuple[Part, ...], name: str | None, path: Path, what: str = "image") -> Part:
+def the_part(parts: tuple[ExrPart, ...], name: str | None, path: Path, what: str = "image") -> ExrPart:
     """The part of that name or number (from 0), or the only one.
 
     Raises `InputError` for a name that is none, or for several parts of which none is said.
@@ -104,7 +104,7 @@ def the_part(parts: tuple[Part, ...], name: str | None, path: Path, what: str = 
     raise InputError(f"{what} {path} has no part {name!r}; it has {known if any(p.name for p in parts) else 'one'}")
 
 
-def colour_channels(part: Part, layer: str | None, path: Path, what: str = "image") -> tuple[str, ...]:
+def colour_channels(part: ExrPart, layer: str | None, path: Path, what: str = "image") -> tuple[str, ...]:
     """The channels red, green, blue, and alpha if there is one, of a layer or (None) of no layer.
 
     Upper case goes before lower case. Raises `InputError` if there are none, with the layers that have some.
@@ -169,7 +169,7 @@ def quiet_stderr() -> Iterator[None]:
             os.close(sink)
 
 
-def _part(index: int, header: Mapping[str, Any], path: Path, what: str) -> Part:
+def _part(index: int, header: Mapping[str, Any], path: Path, what: str) -> ExrPart:
     import OpenEXR
 
     if header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile):
@@ -177,7 +177,7 @@ def _part(index: int, header: Mapping[str, Any], path: Path, what: str) -> Part:
     channels = {channel.name: (channel.xSampling, channel.ySampling) for channel in header["channels"]}
     data, display = (_window(header[name]) for name in ("dataWindow", "displayWindow"))
     cube = header.get("envmap") == OpenEXR.ENVMAP_CUBE
-    return Part(index, str(header.get("name") or ""), channels, data, display, _colours(header), cube)
+    return ExrPart(index, str(header.get("name") or ""), channels, data, display, _colours(header), cube)
 
 
 def _window(corners: Any) -> Window:

@@ -26,7 +26,7 @@ _SIZE = 96  # rows at which overlaps are measured
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class OverlapView:
     """A frame with its mask (H, W) bool, at few pixels, and the mesh that the capture tells of."""
 
     frame: Frame
@@ -36,7 +36,7 @@ class Seen:
     mask: Array
 
 
-def look(capture: Capture, frame: Frame) -> Seen | None:
+def look(capture: Capture, frame: Frame) -> OverlapView | None:
     """What is compared of a frame; None for one that cannot be read, or without mask, mesh or calibration."""
     try:
         seen = read(capture, frame)
@@ -48,7 +48,9 @@ def look(capture: Capture, frame: Frame) -> Seen | None:
     if mesh is None or seen.alpha is None or isinstance(frame.camera, Uncalibrated) or not (seen.alpha > 0.5).any():
         return None
     step = max(1, frame.camera.height // _SIZE)
-    return Seen(frame, seen, mesh, _smaller(frame.camera, step), seen.alpha[step // 2 :: step, step // 2 :: step] > 0.5)
+    return OverlapView(
+        frame, seen, mesh, _smaller(frame.camera, step), seen.alpha[step // 2 :: step, step // 2 :: step] > 0.5
+    )
 
 
 def mesh_of(capture: Capture, frame: Frame) -> Mesh | None:
@@ -76,7 +78,7 @@ def overlap_of(mesh: Mesh, camera: Camera, mask: Array) -> float:
     return float((covered & mask).sum() / max((covered | mask).sum(), 1))
 
 
-def doubt_of_overlap(capture: Capture, looked: Sequence[Seen], overlap: float) -> Iterator[str]:
+def doubt_of_overlap(capture: Capture, looked: Sequence[OverlapView], overlap: float) -> Iterator[str]:
     """A doubt where another convention brings hand and masks clearly closer than their `overlap`, or none does."""
     others = dict(_others(capture))
     tried = {}
@@ -98,7 +100,7 @@ def doubt_of_overlap(capture: Capture, looked: Sequence[Seen], overlap: float) -
         )
 
 
-_Change = Callable[[Seen], tuple[Mesh, Camera, Array]]
+_Change = Callable[[OverlapView], tuple[Mesh, Camera, Array]]
 
 
 def _others(capture: Capture) -> Iterator[tuple[str, _Change]]:
@@ -139,7 +141,7 @@ def _inverse(placed: Array) -> Array:
 
 
 def _joints(model: HandModel, more: Array) -> _Change:
-    def change(seen: Seen) -> tuple[Mesh, Camera, Array]:
+    def change(seen: OverlapView) -> tuple[Mesh, Camera, Array]:
         pose, shape = seen.frame.pose, seen.frame.shape
         if pose is None or shape is None:
             return seen.mesh, seen.camera, seen.mask
@@ -151,7 +153,7 @@ def _joints(model: HandModel, more: Array) -> _Change:
 def _other_side(model: HandModel) -> _Change:
     """The hand in a mirror, turned by the same rotation."""
 
-    def change(seen: Seen) -> tuple[Mesh, Camera, Array]:
+    def change(seen: OverlapView) -> tuple[Mesh, Camera, Array]:
         pose, shape = seen.frame.pose, seen.frame.shape
         if pose is None or shape is None:
             return seen.mesh, seen.camera, seen.mask

@@ -24,14 +24,16 @@ _TURNS = 4 * np.pi  # of an axis-angle: whoever has more has degrees
 
 
 @dataclass(frozen=True, eq=False)
-class Posed:
+class PoseAndShape:
     """A pose, and the shape (S,) of who takes it, None where the file does not tell."""
 
     pose: Pose
     shape: Array | None
 
 
-def read_poses(path: Path, hand: HandModel, flat_hand_mean: bool | None = None, unit: float = 1.0) -> tuple[Posed, ...]:
+def read_poses(
+    path: Path, hand: HandModel, flat_hand_mean: bool | None = None, unit: float = 1.0
+) -> tuple[PoseAndShape, ...]:
     """The poses in a .npz file: one, or N of them where every array has a leading N.
 
     In handbench's terms: joints (J, 3), rotation (3,), translation (3,), shape (S,) of the hand model. In MANO's:
@@ -52,7 +54,7 @@ def read_poses(path: Path, hand: HandModel, flat_hand_mean: bool | None = None, 
     )
 
 
-def _own(owner: str, arrays: Mapping[str, Array], hand: HandModel, unit: float) -> tuple[Posed, ...]:
+def _own(owner: str, arrays: Mapping[str, Array], hand: HandModel, unit: float) -> tuple[PoseAndShape, ...]:
     sizes: dict[str, tuple[tuple[int, ...], ...]] = {
         "joints": ((len(hand.joint_names), 3),),
         "rotation": ((3,),),
@@ -61,7 +63,7 @@ def _own(owner: str, arrays: Mapping[str, Array], hand: HandModel, unit: float) 
     }
     rows = _rows(owner, arrays, sizes, "joints", f"of the hand model {hand.name!r}")
     return tuple(
-        Posed(
+        PoseAndShape(
             _sane(owner, Pose(row["joints"], row.get("rotation", _ZERO), unit * row.get("translation", _ZERO))),
             row.get("shape"),
         )
@@ -71,7 +73,7 @@ def _own(owner: str, arrays: Mapping[str, Array], hand: HandModel, unit: float) 
 
 def _mano(
     owner: str, arrays: Mapping[str, Array], hand: HandModel, flat_hand_mean: bool | None, unit: float
-) -> tuple[Posed, ...]:
+) -> tuple[PoseAndShape, ...]:
     from ..hand.mano import ManoHand
 
     if not isinstance(hand, ManoHand):
@@ -95,7 +97,7 @@ def _mano(
             np.zeros(10) if betas is None else betas,
             flat_hand_mean=flat_hand_mean,
         )
-        posed.append(Posed(_sane(owner, pose), betas))
+        posed.append(PoseAndShape(_sane(owner, pose), betas))
     return tuple(posed)
 
 

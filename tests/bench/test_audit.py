@@ -390,7 +390,7 @@ def test_a_table_that_depends_on_the_order_of_shards_is_found(sound: Path) -> No
 @pytest.mark.parametrize(
     "stage", [stage for stage in injection.STAGES if stage.spoils != 0], ids=lambda stage: stage.name
 )
-def test_a_table_that_hides_nan_is_found(sound: Path, stage: injection.Stage) -> None:
+def test_a_table_that_hides_nan_is_found(sound: Path, stage: injection.Injection) -> None:
     """A table that fills gaps with what it has, as a mean that skips NaN does."""
 
     def filled(folder: Path) -> Any:

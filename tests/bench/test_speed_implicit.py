@@ -9,23 +9,23 @@ import torch
 
 from handbench.methods.palm.model import PalmModel
 from handbench.studies.speed import fields, gathering
-from handbench.studies.speed.fields import Skin
+from handbench.studies.speed.fields import DistanceSamples
 from handbench.studies.speed.volume import GOALS, PLAIN, SWITCHES, TOGETHER, PersonView, skipped, textured
 
 SMALL = replace(fields.VARIANTS["dense grids and tri-plane"], grids=(8, 16), plane=32, geometry=(32,))
 
 
 @pytest.fixture(scope="module")
-def skin() -> Skin:
-    return Skin.of_neutral()
+def skin() -> DistanceSamples:
+    return DistanceSamples.of_neutral()
 
 
 @pytest.fixture(scope="module")
-def model(skin: Skin) -> PalmModel:
+def model(skin: DistanceSamples) -> PalmModel:
     return textured(fields.learned("small", SMALL, skin, 60)[0])
 
 
-def test_errors_of_an_encoding_are_those_of_its_model(skin: Skin) -> None:
+def test_errors_of_an_encoding_are_those_of_its_model(skin: DistanceSamples) -> None:
     made, part = fields.learned("small", SMALL, skin, 16)
     assert [point.size for point in part.points] == [2, 4, 8, 16]
     assert part.points[-1].error < 0.7 * part.points[0].error
@@ -36,7 +36,7 @@ def test_errors_of_an_encoding_are_those_of_its_model(skin: Skin) -> None:
     assert part.points[-1].error == pytest.approx(error, rel=0.05)
 
 
-def test_places_near_the_skin_are_near(skin: Skin) -> None:
+def test_places_near_the_skin_are_near(skin: DistanceSamples) -> None:
     _, distances = skin.some(500, torch.Generator().manual_seed(0))
     assert distances.abs().max() < fields.REACH
     _, distances = skin.some(0, torch.Generator().manual_seed(0), 500)

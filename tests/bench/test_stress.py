@@ -16,7 +16,7 @@ import torch
 from handbench.cli import main
 from handbench.errors import HandbenchError, InputError, Unsupported
 from handbench.studies.stress.case import Case, Result
-from handbench.studies.stress.judgement import Compared, accurate, equal, finite_or, observe, relative_error
+from handbench.studies.stress.judgement import TruthPair, accurate, equal, finite_or, observe, relative_error
 from handbench.studies.stress.record import render, summaries
 from handbench.studies.stress.runner import Source, run_cases
 from handbench.studies.stress.suite import select, suite
@@ -74,13 +74,13 @@ def test_relative_error(value: list[float], truth: list[float], norm: str, error
 
 
 def test_the_least_scale_of_an_error() -> None:
-    assert observe(accurate(1e-6), lambda: Compared(1e-8, 0.0, least=1.0)).passed
-    assert not observe(accurate(1e-6), lambda: Compared(1e-5, 0.0, least=1.0)).passed
+    assert observe(accurate(1e-6), lambda: TruthPair(1e-8, 0.0, least=1.0)).passed
+    assert not observe(accurate(1e-6), lambda: TruthPair(1e-5, 0.0, least=1.0)).passed
 
 
 def test_low_precision_answers_are_judged_in_float64() -> None:
-    assert not observe(equal(1e-3), lambda: Compared(torch.tensor([1.0, 70000.0]).half(), torch.ones(2))).passed
-    assert observe(equal(1e-2), lambda: Compared(torch.tensor([0.3]).bfloat16(), torch.tensor([0.3]))).passed
+    assert not observe(equal(1e-3), lambda: TruthPair(torch.tensor([1.0, 70000.0]).half(), torch.ones(2))).passed
+    assert observe(equal(1e-2), lambda: TruthPair(torch.tensor([0.3]).bfloat16(), torch.tensor([0.3]))).passed
 
 
 def test_an_alternative_refusal_counts() -> None:

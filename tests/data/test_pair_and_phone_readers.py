@@ -20,8 +20,8 @@ from handbench.data.conventions import checked
 from handbench.data.inspection import troubles
 from handbench.data.openstage import open_capture
 from handbench.data.readers import open_at
-from handbench.data.readers.reinterhand import ReInterHand
-from handbench.data.readers.uhm import Uhm, placed
+from handbench.data.readers.reinterhand import ReInterHandCapture
+from handbench.data.readers.uhm import UhmCapture, placed
 from handbench.errors import BadFrame, InputError
 from handbench.hand import hand_model
 from handbench.render.see.posedmesh import PosedMesh
@@ -53,7 +53,7 @@ def phone(request: pytest.FixtureRequest, mano: Any, tmp_path_factory: pytest.Te
 def test_reinterhand_comes_back(pair: tuple[Path, dict], mano: Any) -> None:
     folder, told = pair
     capture = open_at(folder)
-    assert isinstance(capture, ReInterHand) and capture.hand == "mano-right"
+    assert isinstance(capture, ReInterHandCapture) and capture.hand == "mano-right"
     frames = capture.frames()
     assert len(frames) == 12 and len({f.key for f in frames}) == 12
     assert {"image", "alpha", "camera", "pose", "shape", "mesh", "keypoints", "environment"} <= capture.offers
@@ -77,7 +77,7 @@ def test_reinterhand_comes_back(pair: tuple[Path, dict], mano: Any) -> None:
 
 def test_what_the_left_hand_hides_is_not_the_rights(pair: tuple[Path, dict], mano: Any) -> None:
     folder, told = pair
-    capture = ReInterHand(folder)
+    capture = ReInterHandCapture(folder)
     hidden = 0
     for frame in capture.frames():
         moment = told[frame.camera.name, frame.pose_name]
@@ -102,7 +102,7 @@ def test_reinterhand_without_a_left_hand_has_no_masks(
     shutil.copy(Path(os.environ["HANDBENCH_MANO"]) / "MANO_RIGHT.pkl", alone)
     monkeypatch.setenv("HANDBENCH_MANO", str(tmp_path))
     hand_model.cache_clear()
-    capture = ReInterHand(pair[0])
+    capture = ReInterHandCapture(pair[0])
     assert "alpha" not in capture.offers and {"mesh", "pose"} <= capture.offers
     assert any("masks are not there" in remark for remark in capture.remarks)
     assert capture.observe(capture.frames()[0]).alpha is None
@@ -114,7 +114,7 @@ def test_reinterhands_other_key_points_are_read(pair: tuple[Path, dict], mano: A
     folder = Path(shutil.copytree(pair[0], tmp_path / "copy"))
     (root,) = folder.iterdir()
     shutil.rmtree(root / "orig_fits")
-    assert "keypoints" not in ReInterHand(folder).offers
+    assert "keypoints" not in ReInterHandCapture(folder).offers
     place = root / "keypoints_orig" / "keypoints_orig"
     place.mkdir(parents=True)
     for number in (12, 15, 18):
@@ -122,7 +122,7 @@ def test_reinterhands_other_key_points_are_read(pair: tuple[Path, dict], mano: A
         points = 1000 * mano.posed(moment.shape, moment.pose)[1][list(mano.key_points)]
         tips_first = [points[1 + 4 * finger + k] for finger in range(5) for k in (3, 2, 1, 0)]
         (place / f"{number}.json").write_text(json.dumps(np.r_[tips_first, points[:1], np.zeros((21, 3))].tolist()))
-    capture, other = ReInterHand(folder), ReInterHand(pair[0])
+    capture, other = ReInterHandCapture(folder), ReInterHandCapture(pair[0])
     for frame in capture.frames():
         assert np.allclose(capture.observe(frame).keypoints, other.observe(frame).keypoints, atol=1e-6)
 
@@ -133,14 +133,14 @@ def test_a_wrong_mean_pose_of_reinterhand_is_found(pair: tuple[Path, dict], mano
         fit = json.loads(path.read_text())
         fit["pose"][3:] = (np.array(fit["pose"][3:]) + mano.file.hands_mean).tolist()
         path.write_text(json.dumps(fit))
-    assert any("is not added (flat_hand_mean = true)" in doubt for doubt in checked(ReInterHand(folder)).doubts)
+    assert any("is not added (flat_hand_mean = true)" in doubt for doubt in checked(ReInterHandCapture(folder)).doubts)
 
 
 def test_reinterhands_damage_is_one_sentence(pair: tuple[Path, dict], tmp_path: Path) -> None:
     folder = Path(shutil.copytree(pair[0], tmp_path / "copy"))
     (root,) = folder.iterdir()
     (root / "mano_fits" / "params" / "15_left.json").unlink()
-    capture = ReInterHand(folder)
+    capture = ReInterHandCapture(folder)
     assert len(capture.frames()) == 8 and any("1 moments are without a fit" in r for r in capture.remarks)
     fit = root / "mano_fits" / "params" / "12_right.json"
     kept = fit.read_text()
@@ -160,7 +160,7 @@ def test_reinterhands_damage_is_one_sentence(pair: tuple[Path, dict], tmp_path: 
 def test_phone_scans_come_back(phone: tuple[Path, list]) -> None:
     folder, told = phone
     capture = open_at(folder)
-    assert isinstance(capture, Uhm) and len(capture.frames()) == 3
+    assert isinstance(capture, UhmCapture) and len(capture.frames()) == 3
     assert [f.segment for f in capture.frames()] == ["train", "train", "test"]
     assert {"image", "alpha", "camera", "pose", "shape", "mesh", "keypoints", "depth"} <= capture.offers
     assert {f.subject for f in capture.frames()} in ({"somebody"}, {"AXE977"})

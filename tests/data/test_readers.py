@@ -22,10 +22,10 @@ from handbench.data.conventions import checked
 from handbench.data.openstage import open_capture
 from handbench.data.readers import interhand as module
 from handbench.data.readers import open_at
-from handbench.data.readers.goliath import Goliath
-from handbench.data.readers.harp import Harp
-from handbench.data.readers.interhand import InterHand
-from handbench.data.readers.palm import Palm
+from handbench.data.readers.goliath import GoliathCapture
+from handbench.data.readers.harp import HarpCapture
+from handbench.data.readers.interhand import InterHandCapture
+from handbench.data.readers.palm import PalmCapture
 from handbench.data.readers.zipped import Zips
 from handbench.errors import Absent, BadFrame, InputError
 from handbench.hand import hand_model
@@ -60,7 +60,7 @@ def goliath(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_interhand_comes_back(interhand: tuple[Path, dict], mano: Any) -> None:
     folder, told = interhand
     capture = open_at(folder)
-    assert isinstance(capture, InterHand) and capture.hand == "mano-right"
+    assert isinstance(capture, InterHandCapture) and capture.hand == "mano-right"
     assert len(capture.frames()) == 6, "the left hand's picture is left out"
     assert "1 moments are of a left hand" in capture.remarks[0] and "masks are what" in capture.remarks[1]
     assert {"image", "alpha", "camera", "pose", "shape", "mesh", "keypoints", "full"} <= capture.offers
@@ -90,7 +90,7 @@ def test_interhands_masks_are_taken_where_they_are(interhand: tuple[Path, dict],
         mask.parent.mkdir(parents=True, exist_ok=True)
         width, height = Image.open(picture).size
         Image.fromarray(np.tile(np.uint8([255, 0]), (height, width // 2))).save(mask)
-    capture = InterHand(folder)
+    capture = InterHandCapture(folder)
     seen = capture.observe(capture.frames()[0])
     assert seen.alpha[0, :4].tolist() == [1, 0, 1, 0] and not seen.image[:, 1::2].any()
     assert not any("masks" in remark for remark in capture.remarks)
@@ -100,14 +100,14 @@ def test_a_wrong_mean_pose_is_found(interhand: tuple[Path, dict], mano: Any, tmp
     folder = Path(shutil.copytree(interhand[0], tmp_path / "copy"))
     path = folder / "annotations" / "train" / "InterHand2.6M_train_MANO_NeuralAnnot.json"
     table = json.loads(path.read_text())
-    masks = {f.key: InterHand(folder).observe(f).alpha for f in InterHand(folder).frames()}
+    masks = {f.key: InterHandCapture(folder).observe(f).alpha for f in InterHandCapture(folder).frames()}
     for fit in table["0"].values():  # whole poses, where the layout has relative ones
         fit["right"]["pose"][3:] = (np.array(fit["right"]["pose"][3:]) + mano.file.hands_mean).tolist()
     path.write_text(json.dumps(table))
-    (by_points,) = checked(InterHand(folder)).doubts
+    (by_points,) = checked(InterHandCapture(folder)).doubts
     assert "key points" in by_points and "is not added (flat_hand_mean = true)" in by_points
     write_masks(folder, masks)
-    _, by_masks = checked(InterHand(folder)).doubts
+    _, by_masks = checked(InterHandCapture(folder)).doubts
     assert "masks share" in by_masks and "the mean pose is not added (flat_hand_mean = true)" in by_masks
 
 
@@ -126,7 +126,7 @@ def test_interhand_without_mano_has_key_points_alone(
 ) -> None:
     monkeypatch.delenv("HANDBENCH_MANO")
     hand_model.cache_clear()
-    capture = InterHand(interhand[0])
+    capture = InterHandCapture(interhand[0])
     assert not {"pose", "mesh", "alpha", "shape"} & capture.offers and "keypoints" in capture.offers
     assert "set HANDBENCH_MANO" in capture.remarks[0]
     monkeypatch.undo()
@@ -170,7 +170,7 @@ def test_a_damaged_fit_of_interhand_is_one_sentence(interhand: tuple[Path, dict]
 def test_harp_comes_back(harp: tuple[Path, dict]) -> None:
     folder, told = harp
     capture = open_at(folder)
-    assert isinstance(capture, Harp) and len(capture.frames()) == 4
+    assert isinstance(capture, HarpCapture) and len(capture.frames()) == 4
     assert [f.segment for f in capture.frames()] == ["fit", "fit", "test", "test"]
     for frame in capture.frames():
         pixels, _ = told[frame.pose_name]
@@ -203,7 +203,7 @@ def test_harps_estimates_are_read_and_not_run(harp: tuple[Path, dict], tmp_path:
 def test_palm_comes_back(mano: Any, tmp_path: Path) -> None:
     told = write_dataset_palm(tmp_path, STAGE, mano)
     capture = open_at(tmp_path)
-    assert isinstance(capture, Palm) and len(capture.frames()) == 6
+    assert isinstance(capture, PalmCapture) and len(capture.frames()) == 6
     cameras = {"MCU_01": "dorsal", "MCU_04": "palmar"}
     stage = {(f.camera.name, f.pose_name): f for f in under(STAGE, "env-hall")}
     names = list(dict.fromkeys(f.pose_name for f in under(STAGE, "env-hall")))
@@ -229,7 +229,7 @@ def test_palm_comes_back(mano: Any, tmp_path: Path) -> None:
 
 def test_goliath_comes_back(goliath: Path) -> None:
     capture = open_at(goliath)
-    assert isinstance(capture, Goliath)
+    assert isinstance(capture, GoliathCapture)
     frames = {(f.pose_name, f.camera.name): f for f in capture.frames()}
     assert len(frames) == 6, "two cameras; the frame of one light, and the one far from a registration, are left out"
     assert any("1 of 3 cameras have no pictures" in r for r in capture.remarks)
@@ -263,7 +263,7 @@ def test_goliath_comes_back(goliath: Path) -> None:
 
 
 def test_goliaths_lights_and_meshes_between_registrations(goliath: Path) -> None:
-    frames = [f for f in Goliath(goliath).frames() if f.camera.name == f"cam{CAMERAS['dorsal']}"]
+    frames = [f for f in GoliathCapture(goliath).frames() if f.camera.name == f"cam{CAMERAS['dorsal']}"]
     full, group, after = frames
     assert isinstance(group.light, Group) and len(group.light.lights) == 5 and len(full.light.lights) == 6
     for i, light in enumerate(group.light.lights):
@@ -276,7 +276,7 @@ def test_goliaths_lights_and_meshes_between_registrations(goliath: Path) -> None
     share = (101 - 100) / (104 - 100)
     expected = (1 - share) * full.mesh.vertices + share * after.mesh.vertices
     assert np.allclose(group.mesh.vertices, expected)
-    capture = Goliath(goliath)
+    capture = GoliathCapture(goliath)
     assert capture.observe(group).alpha.max() == 1, "the mask of a partially lit frame is drawn from its mesh"
 
 
@@ -300,7 +300,7 @@ def test_goliath_without_a_topology_has_no_meshes(goliath: Path, tmp_path: Path)
 def test_a_bomb_in_an_archive_is_one_bad_frame(goliath: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(goliath, tmp_path / "copy"))
     (root,) = (p for p in folder.iterdir() if p.is_dir())
-    capture = Goliath(folder)
+    capture = GoliathCapture(folder)
     path = root / "image" / f"cam{CAMERAS['dorsal']}.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(f"cam{CAMERAS['dorsal']}/000100.avif", b"\0" * (200 << 20))
@@ -323,17 +323,17 @@ def test_a_million_frames_are_light(interhand: tuple[Path, dict], mano: Any, mon
     said = module.Annotations(interhand[0], "train", hashlib.sha256())
     for table in (said._fits, said._points):
         table["0"] = dict.fromkeys(numbers, table["0"]["12001"])
-    camera = InterHand(interhand[0]).frames()[0].camera
+    camera = InterHandCapture(interhand[0]).frames()[0].camera
     monkeypatch.setattr(said, "camera", lambda *where: camera)
     monkeypatch.setattr(module, "Annotations", lambda *where: said)
     monkeypatch.setattr(module, "_numbers", lambda place: numbers)
     monkeypatch.setattr(module, "_names", lambda place: cameras if place.name.startswith("ROM") else ["ROM03"])
     start = time.process_time()
-    count = len(InterHand(interhand[0]).frames())
+    count = len(InterHandCapture(interhand[0]).frames())
     took = time.process_time() - start
     assert count == 100_000 and took < 2.0, "ten times what it takes on an idle machine"
     tracemalloc.start()
-    kept = InterHand(interhand[0])
+    kept = InterHandCapture(interhand[0])
     size = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
     assert size / len(kept.frames()) < 1000, "bytes a frame"

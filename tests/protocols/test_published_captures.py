@@ -14,10 +14,10 @@ from handbench.bench.opening import select
 from handbench.bench.plan import make_method
 from handbench.data.capture import Capture
 from handbench.data.openstage import open_capture
-from handbench.data.readers.goliath import Goliath
-from handbench.data.readers.harp import Harp
-from handbench.data.readers.interhand import InterHand
-from handbench.data.readers.uhm import Uhm
+from handbench.data.readers.goliath import GoliathCapture
+from handbench.data.readers.harp import HarpCapture
+from handbench.data.readers.interhand import InterHandCapture
+from handbench.data.readers.uhm import UhmCapture
 from handbench.data.together import Together
 from handbench.protocols import parse
 from handbench.registry import METHODS
@@ -40,7 +40,7 @@ def selected(name: str, capture: Capture, **changes: Any) -> Any:
 
 def test_palms_twelve_sequences(mano: Any, tmp_path: Path) -> None:
     write_palm(tmp_path, STAGE, mano)
-    capture = InterHand(tmp_path, "palm")
+    capture = InterHandCapture(tmp_path, "palm")
     assert len(capture.frames()) == 12 * 4 and {f.moment for f in capture.frames()} == {0, 1, 2, 3}
     found = selected("interhand-palm", capture)
     assert len(found.protocol.subjects) == 12 and len(found.enrol) == 12
@@ -55,13 +55,13 @@ def test_palms_twelve_sequences(mano: Any, tmp_path: Path) -> None:
 
 def test_harps_split(mano: Any, tmp_path: Path) -> None:
     write_harp(tmp_path, STAGE, mano)
-    found = selected("harp-sequences", Harp(tmp_path))
+    found = selected("harp-sequences", HarpCapture(tmp_path))
     assert {f.pose_name[0] for f in found.enrol} == {"1"} and {f.pose_name[0] for f in found.scored["test"]} == {"6"}
 
 
 def test_uhms_phone_scans(mano: Any, tmp_path: Path) -> None:
     phonelookalike.write_goliath(tmp_path, STAGE, mano)
-    found = selected("uhm-phone", Uhm(tmp_path))
+    found = selected("uhm-phone", UhmCapture(tmp_path))
     assert [f.pose_name for f in found.enrol] == ["Right-000040", "Right-000041"]
     assert [f.pose_name for f in found.scored["test"]] == ["Right-000042"]
     for name in found.protocol.methods:
@@ -78,7 +78,9 @@ def test_goliaths_hands(tmp_path: Path) -> None:
         "shares": ["subject", "pose", "light"],
         "subjects": "trained",
     }
-    found = selected("goliath-urhand", Goliath(tmp_path), subjects={"trained": ["6641280-right"]}, column=[column])
+    found = selected(
+        "goliath-urhand", GoliathCapture(tmp_path), subjects={"trained": ["6641280-right"]}, column=[column]
+    )
     assert {f.kind for f in found.train} == {"full", "group"} and {f.kind for f in found.enrol} == {"full"}
     for name in found.protocol.methods:
         info = make_method(METHODS.entry(name), "standard").info

@@ -26,12 +26,12 @@ from handbench.studies.record import SCHEMA
 from handbench.studies.speed.equal_error import TimeAt, table
 from handbench.studies.speed.measure import ErrorCurve, Trial
 from handbench.studies.speed.record import (
-    Fit,
     Implicit,
-    Measured,
+    ImplicitPart,
     MethodStudy,
-    Part,
+    PartTrial,
     PoseCurve,
+    PowerLaw,
     Reference,
     Residual,
     Scaling,
@@ -68,7 +68,7 @@ def found() -> SpeedRecord:
         curves=curves,
         equal_error=table(curves),
     )
-    growth = Fit(exponent=0.8, error=0.05, scale=0.01, used=3)
+    growth = PowerLaw(exponent=0.8, error=0.05, scale=0.01, used=3)
     scaling = Scaling("lights", "Lights", (1, 16, 256), ((0.1, 0.2), (0.2, 0.3), (1.0, 1.2)), growth)
     of_method = tuple(PoseCurve(pose, curve("", pose, (0.1, 0.0), (0.05, 0.1)).points) for pose in ("new", "known"))
     methods = (
@@ -81,15 +81,18 @@ def found() -> SpeedRecord:
 
 
 def implicit() -> Implicit:
-    steps = tuple(Measured(f"{n} steps", n, 8.0 / n, 0.1 * n) for n in (10, 20, 40))
+    steps = tuple(PartTrial(f"{n} steps", n, 8.0 / n, 0.1 * n) for n in (10, 20, 40))
     skips = (
         Skipped("all skips", 0.0, 1.0),
         Skipped("without these four", 0.01, 4.0, 5.0),
         Skipped("plain", 0.01, 99.0, 10.0),
     )
-    lights = (Part("sun: strata", steps), Part("sun: distant lights", (Measured("117 lights", 117, 0.002, 0.1),)))
-    growth = Scaling("rays", "Rays", (768, 3072, 12288), ((0.1,), (0.4,), (1.6,)), Fit(1.0, 0.0, 1e-4, 3))
-    return Implicit((Part("grids <dense>", steps),), skips, lights, (growth,))
+    lights = (
+        ImplicitPart("sun: strata", steps),
+        ImplicitPart("sun: distant lights", (PartTrial("117 lights", 117, 0.002, 0.1),)),
+    )
+    growth = Scaling("rays", "Rays", (768, 3072, 12288), ((0.1,), (0.4,), (1.6,)), PowerLaw(1.0, 0.0, 1e-4, 3))
+    return Implicit((ImplicitPart("grids <dense>", steps),), skips, lights, (growth,))
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from ...errors import InputError
 from ...scene import Array, Camera, Uncalibrated
 from ..picturesize import picture_size
 from .colmap import read_colmap
-from .manifest import Manifest
+from .manifest import FolderManifest
 from .nerfstudio import read_nerfstudio
 from .pattern import inside
 
@@ -23,7 +23,7 @@ class Cameras:
     Cameras of equal calibration and name are one object.
     """
 
-    def __init__(self, folder: Path, manifest: Manifest) -> None:
+    def __init__(self, folder: Path, manifest: FolderManifest) -> None:
         self._folder, self._manifest, said = folder, manifest, manifest.cameras
         self._known: dict[str, tuple[Array, Array, tuple[int, int]]] | None = None
         if "file" in said:

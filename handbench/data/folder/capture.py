@@ -21,10 +21,10 @@ from ..exr import read_exr
 from ..meshfile import read_mesh
 from ..pictures import Stated, read_mask, read_picture
 from ..picturesize import has_alpha
-from ..poses import Posed, read_poses, turned
+from ..poses import PoseAndShape, read_poses, turned
 from .cameras import Cameras
 from .lights import Lights
-from .manifest import Manifest
+from .manifest import FolderManifest
 from .pattern import inside
 
 
@@ -33,13 +33,13 @@ class Folder(Capture):
 
     layout = "a plain folder"
 
-    def __init__(self, folder: Path, manifest: Manifest) -> None:
+    def __init__(self, folder: Path, manifest: FolderManifest) -> None:
         self.folder, self._manifest = folder, manifest
         self.name, self.hand = manifest.name, manifest.hand
         self._model: HandModel | None = None if manifest.hand is None else hand_model(manifest.hand)
         self._pictures: dict[str, str] = {}  # by frame key
         self._parts: dict[str, dict[str, str]] = {}  # by frame key: which file holds each part
-        self._poses: dict[str, Posed] = {}  # by file
+        self._poses: dict[str, PoseAndShape] = {}  # by file
         self._meshes: dict[str, Mesh] = {}  # by pose key
         self._unplaced = 0
         self._frames = tuple(self._build())
@@ -150,7 +150,7 @@ class Folder(Capture):
             raise InputError(f"folder {self.folder}: {picture} has no {path}; add it, or leave out {part}")
         return path
 
-    def _posed(self, told: dict[str, str]) -> Posed | None:
+    def _posed(self, told: dict[str, str]) -> PoseAndShape | None:
         if "poses" not in self._manifest.parts or self._model is None:
             return None
         path = self._there("poses", told, self._manifest.images.path(told))
@@ -158,10 +158,10 @@ class Folder(Capture):
             poses = read_poses(self._file(path), self._model, self._manifest.flat_hand_mean, self._manifest.unit)
             if len(poses) > 1:
                 raise InputError(f"pose file {path} holds {len(poses)} poses; give each pose a file of its own")
-            self._poses[path] = Posed(turned(poses[0].pose, self._manifest.up), poses[0].shape)
+            self._poses[path] = PoseAndShape(turned(poses[0].pose, self._manifest.up), poses[0].shape)
         return self._poses[path]
 
-    def _mesh(self, told: dict[str, str], posed: Posed | None) -> Mesh | None:
+    def _mesh(self, told: dict[str, str], posed: PoseAndShape | None) -> Mesh | None:
         key = f"{told['subject']}/{told['pose']}"
         if key not in self._meshes:
             made = self._new_mesh(told, posed)
@@ -170,7 +170,7 @@ class Folder(Capture):
             self._meshes[key] = made
         return self._meshes[key]
 
-    def _new_mesh(self, told: dict[str, str], posed: Posed | None) -> Mesh | None:
+    def _new_mesh(self, told: dict[str, str], posed: PoseAndShape | None) -> Mesh | None:
         if self._manifest.model_meshes:
             assert posed is not None and self._model is not None
             model, shape = self._model, posed.shape

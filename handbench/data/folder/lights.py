@@ -10,14 +10,14 @@ import numpy as np
 from ...errors import InputError, shortened
 from ...scene import Array, Directional, Environment, FrameKind, Group, Light, Point, Single, Unknown
 from ..environments import read_environment
-from .manifest import Manifest
+from .manifest import FolderManifest
 from .pattern import check_path, inside
 
 
 class Lights:
     """Gives each lighting, by its name, its light and the kind of its frames; one that is not told is unknown."""
 
-    def __init__(self, folder: Path, manifest: Manifest) -> None:
+    def __init__(self, folder: Path, manifest: FolderManifest) -> None:
         members: dict[str, list[Single]] = {}
         for told in manifest.lights:
             name = told.get("name")
@@ -49,7 +49,7 @@ class Lights:
             )
 
 
-def _light(folder: Path, manifest: Manifest, told: dict[str, Any]) -> Single:
+def _light(folder: Path, manifest: FolderManifest, told: dict[str, Any]) -> Single:
     owner = f"folder {folder} [[light]] {told['name']!r}"
     match sorted(set(told) - {"name"}):
         case ["environment"]:

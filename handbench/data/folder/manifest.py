@@ -39,7 +39,7 @@ _CAMERAS = ("file", "colmap", "field_of_view")
 
 
 @dataclass(frozen=True)
-class Manifest:
+class FolderManifest:
     """What handbench.toml says, in its order; `unit` in metres, `up` (3, 3) turns the folder's world into ours."""
 
     name: str
@@ -58,7 +58,7 @@ class Manifest:
     lights: tuple[dict[str, Any], ...]
 
 
-def read_manifest(path: Path) -> Manifest:
+def read_manifest(path: Path) -> FolderManifest:
     """The manifest of a folder. Raises `InputError` for the first thing in it that cannot be used."""
     table, owner = read_toml(path, "folder file"), str(path)
     if table.get("format") != FORMAT or table.get("version") != VERSION:
@@ -79,7 +79,7 @@ def read_manifest(path: Path) -> Manifest:
     }
     _consistent(owner, table, images, parts, hand, model_meshes)
     name = table.get("name", path.parent.resolve().name)
-    return Manifest(
+    return FolderManifest(
         name=check_name(f"{owner}: name", name),
         hand=hand,
         flat_hand_mean=flat,

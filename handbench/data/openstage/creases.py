@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial import cKDTree
 
 from ...scene import Array
-from .noise import Noise
+from .noise import NoiseFields
 from .places import Places, smoothstep
 
 _Line = tuple[tuple[tuple[float, float], ...], float, float]
@@ -38,7 +38,7 @@ _FOLDS = (  # dorsal folds of a joint: number on either side, spacing, half widt
 )
 
 
-def palm_lines(at: Places, noise: Noise, rng: np.random.Generator) -> Array:
+def palm_lines(at: Places, noise: NoiseFields, rng: np.random.Generator) -> Array:
     """The great lines and many small ones, (N,): everybody's start, end, bend and break elsewhere."""
     depth = np.zeros(len(at.position), np.float32)
     on = np.flatnonzero((at.facing > -0.1) & (at.finger < 1) & (at.position[:, 1] > -0.02))
@@ -68,7 +68,7 @@ def palm_lines(at: Places, noise: Noise, rng: np.random.Generator) -> Array:
     return depth
 
 
-def finger_lines(at: Places, noise: Noise, rng: np.random.Generator) -> Array:
+def finger_lines(at: Places, noise: NoiseFields, rng: np.random.Generator) -> Array:
     """Flexion creases on the palm side of fingers and thumb, (N,)."""
     depth = np.zeros(len(at.position), np.float32)
     for f, knuckles in enumerate(at.knuckles):
@@ -93,7 +93,7 @@ def finger_lines(at: Places, noise: Noise, rng: np.random.Generator) -> Array:
     return depth
 
 
-def knuckle_folds(at: Places, noise: Noise, rng: np.random.Generator) -> Array:
+def knuckle_folds(at: Places, noise: NoiseFields, rng: np.random.Generator) -> Array:
     """Transverse skin folds on the back of the finger joints: arcs around the knuckle, (N,)."""
     depth = np.zeros(len(at.position), np.float32)
     for f, knuckles in enumerate(at.knuckles):

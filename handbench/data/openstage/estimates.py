@@ -16,7 +16,7 @@ from ...scene import Array, Camera, Pose
 
 
 @dataclass(frozen=True)
-class Tracker:
+class TrackerNoise:
     """Standard deviations of a tracker's errors, each of a single angle or coordinate.
 
     joints, rotation    degrees of each angle of a joint, and of each axis of the hand's rotation
@@ -31,11 +31,11 @@ class Tracker:
     memory: float = 0.0
 
 
-SCANNER = Tracker(joints=0.8, rotation=0.4, across=0.5e-3, along=0.5e-3)
+SCANNER = TrackerNoise(joints=0.8, rotation=0.4, across=0.5e-3, along=0.5e-3)
 """Many calibrated cameras round the hand."""
-ONE_CAMERA = Tracker(joints=1.3, rotation=1.2, across=1.5e-3, along=3.5e-3, memory=0.9)
+ONE_CAMERA = TrackerNoise(joints=1.3, rotation=1.2, across=1.5e-3, along=3.5e-3, memory=0.9)
 """One camera without depth, which tells least along its line of sight."""
-PHONE = Tracker(joints=1.3, rotation=1.0, across=1e-3, along=2e-3, memory=0.9)
+PHONE = TrackerNoise(joints=1.3, rotation=1.0, across=1e-3, along=2e-3, memory=0.9)
 """One camera with depth."""
 
 _BLEND, _LENGTH, _WIDTH = 0.4, 0.02, 0.03  # of a shape: its coefficients over their spread, and factors of bones
@@ -56,7 +56,7 @@ def estimated_shape(hand: OpenHand, identity: Identity, rng: np.random.Generator
 
 
 def estimated_poses(
-    hand: OpenHand, poses: list[Pose], tracker: Tracker, camera: Camera, rng: np.random.Generator
+    hand: OpenHand, poses: list[Pose], tracker: TrackerNoise, camera: Camera, rng: np.random.Generator
 ) -> list[Pose]:
     """The poses that a tracker would tell, in the order of time; joints stay within their limits."""
     low, high = hand.limits[..., 0], hand.limits[..., 1]

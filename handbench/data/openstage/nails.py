@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...scene import Array
-from .noise import Noise
+from .noise import NoiseFields
 from .places import Places, smoothstep
 
 _LUNULA = np.array([1.0, 0.7, 0.6, 0.4, 0.15])  # how much of it shows, thumb to little finger
@@ -44,7 +44,7 @@ class Nails:
     ridges: Array
 
 
-def nails(at: Places, look: NailLook, noise: Noise) -> Nails:
+def nails(at: Places, look: NailLook, noise: NoiseFields) -> Nails:
     """The nails of all fingers."""
     root, across = at.nail_along, at.nail_across
     power = np.where(root > 0, 2.3 + 2.0 * look.shape, 2.6)  # the root is round on everybody

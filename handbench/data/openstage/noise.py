@@ -28,7 +28,7 @@ def _lattice() -> Tensor:
     return torch.from_numpy((values / values.std(axis=(1, 2, 3), keepdims=True)).astype(np.float32))[None]
 
 
-class Noise:
+class NoiseFields:
     """Independent fields for one seed: each call draws the next ones."""
 
     def __init__(self, seed: int) -> None:
@@ -60,5 +60,5 @@ class Bands:
     fine: Array
 
     @staticmethod
-    def of(points: Array, noise: Noise) -> Bands:
+    def of(points: Array, noise: NoiseFields) -> Bands:
         return Bands(*(noise.fields(points, size) for size in (26e-3, 11e-3, 5.5e-3, 3e-3, 1.4e-3, 0.9e-3)))

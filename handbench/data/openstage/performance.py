@@ -13,7 +13,7 @@ from ...files import whole
 from ...scene import Array, Mesh, Topology
 from ..exr import rgb, write_exr
 from .cast import Subject
-from .production import Performance, Production, Rendering
+from .production import Performance, Production, RenderTask
 from .skin import Skin, make_skin
 from .trace.pathtrace import GBuffer, PathTracer, TracedSurface, displace
 
@@ -30,7 +30,7 @@ class Maker:
         self._production, self._tracer = production, tracer
         self._skin: tuple[Subject, Skin] | None = None
 
-    def make(self, performance: Performance) -> Iterator[Rendering]:
+    def make(self, performance: Performance) -> Iterator[RenderTask]:
         """Write what is missing of a performance; gives each view once it is whole."""
         production = self._production
         folder = self.folder / performance.key
@@ -52,7 +52,7 @@ class Maker:
             self._skin = subject, made
         return self._skin[1]
 
-    def _write(self, surface: TracedSurface, view: Rendering, folder: Path) -> None:
+    def _write(self, surface: TracedSurface, view: RenderTask, folder: Path) -> None:
         """Render a view and write a picture for each of its lightings, then the geometry."""
         production, camera = self._production, view.camera
         folder.mkdir(exist_ok=True)
@@ -84,7 +84,7 @@ class Maker:
             np.save(file, vertices.astype(np.float32))
 
 
-def is_whole(folder: Path, view: Rendering) -> bool:
+def is_whole(folder: Path, view: RenderTask) -> bool:
     """Whether all files of a view are there."""
     names = (*(lighting.name for lighting in view.lightings), "geometry")
     return all((folder / f"{name}.exr").is_file() for name in names)

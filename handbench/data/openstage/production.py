@@ -35,7 +35,7 @@ class Lighting:
         return self.weights is None or self.kind == "olat"
 
 
-class Device(Protocol):
+class Sensor(Protocol):
     """What takes pictures less well than they are rendered; a frozen dataclass of numbers."""
 
     def take(
@@ -58,16 +58,16 @@ class Shot:
     lightings: tuple[Lighting, ...]
     estimated: bool = False
     keypoints: Mapping[str, Array] = field(default_factory=dict)
-    device: Device | None = None
+    device: Sensor | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Rendering:
+class RenderTask:
     """A pose before one camera and all that is rendered of it there, in one go."""
 
     camera: Camera
     lightings: tuple[Lighting, ...]
-    device: Device | None = None
+    device: Sensor | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,14 +90,14 @@ class Performance:
         return f"{self.subject.name}/{self.name}"
 
     @property
-    def views(self) -> tuple[Rendering, ...]:
+    def views(self) -> tuple[RenderTask, ...]:
         """Every camera of its shots once, with the lightings that are traced there."""
-        views: dict[str, Rendering] = {}
+        views: dict[str, RenderTask] = {}
         for shot in self.shots:
             lit = tuple(lighting for lighting in shot.lightings if lighting.traced)
             for camera in shot.cameras:
                 before = views[camera.name].lightings if camera.name in views else ()
-                views[camera.name] = Rendering(camera, (*before, *lit), shot.device)
+                views[camera.name] = RenderTask(camera, (*before, *lit), shot.device)
         return tuple(views.values())
 
 

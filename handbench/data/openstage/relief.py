@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...scene import Array
-from .noise import Bands, Noise
+from .noise import Bands, NoiseFields
 from .places import Places, smoothstep
 
 _FAMILIES = (  # furrows run across these directions: unit vector, metres from furrow to furrow, strength
@@ -37,7 +37,7 @@ def furrows(at: Places, bands: Bands, palm: Array) -> Array:
     return (1 - plateau) * (1 - 0.75 * palm) * (0.8 + 0.2 * at.hand)
 
 
-def pores(at: Places, noise: Noise, palm: Array) -> Array:
+def pores(at: Places, noise: NoiseFields, palm: Array) -> Array:
     """1 in a pore; on the back of the hand and the forearm."""
     size = 0.45e-3
     if not at.shows(2 * size):
@@ -45,7 +45,7 @@ def pores(at: Places, noise: Noise, palm: Array) -> Array:
     return at.shows(2 * size) * smoothstep(1.5, 2.4, noise.field(at.position, size)) * (1 - palm)
 
 
-def ridges(at: Places, noise: Noise, palm: Array) -> Array:
+def ridges(at: Places, noise: NoiseFields, palm: Array) -> Array:
     """Ridges of palm and finger tips, -1 between them … 1 on top: whorls on the tips, waves elsewhere."""
     found = np.zeros(len(palm), np.float32)
     seen = at.shows(_RIDGE)

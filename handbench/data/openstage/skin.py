@@ -19,7 +19,7 @@ from . import marks
 from .creases import finger_lines, knuckle_folds, palm_lines
 from .hair import hair
 from .nails import NailLook, Nails, nails
-from .noise import Bands, Noise
+from .noise import Bands, NoiseFields
 from .places import Places, places, smoothstep
 from .regions import near_joints, pads, warm_fingers, webs
 from .relief import furrows, pores, ridges
@@ -113,8 +113,8 @@ class _Draws:
     def rng(self, part: str) -> np.random.Generator:
         return np.random.default_rng([self.seed, zlib.crc32(part.encode())])
 
-    def noise(self, part: str) -> Noise:
-        return Noise(int(self.rng(part).integers(2**62)))
+    def noise(self, part: str) -> NoiseFields:
+        return NoiseFields(int(self.rng(part).integers(2**62)))
 
 
 def make_skin(hand: OpenHand, identity: Identity, look: SkinLook, size: int = 1024) -> Skin:

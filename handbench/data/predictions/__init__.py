@@ -15,15 +15,15 @@ template.py   what a protocol asks, for software that is not handbench
 """
 
 from .folder import Asked, PredictionFolder, read_folder
-from .manifest import DeclaredTimes, Manifest
+from .manifest import DeclaredTimes, PredictionManifest
 from .problems import Problems, Unfit
 from .template import write_template
 
 __all__ = [
     "Asked",
     "DeclaredTimes",
-    "Manifest",
     "PredictionFolder",
+    "PredictionManifest",
     "Problems",
     "Unfit",
     "read_folder",

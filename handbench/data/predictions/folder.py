@@ -10,8 +10,8 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...scene import Query
-from .manifest import COLOUR, MANIFEST, SUFFIXES, TIMES, DeclaredTimes, Manifest, read_manifest, read_times
-from .picture import Misfit, read_picture, what_is_not_finite
+from .manifest import COLOUR, MANIFEST, SUFFIXES, TIMES, DeclaredTimes, PredictionManifest, read_manifest, read_times
+from .picture import UnfitPicture, read_picture, what_is_not_finite
 from .problems import Problems, Unfit
 
 ASKED = "asked"  # the folder of the template
@@ -22,13 +22,15 @@ _FREE = ("readme", "license", "licence")
 class Asked:
     """What a protocol asks: the manifest that an answer must have, without its authors, and the queries by key."""
 
-    manifest: Manifest
+    manifest: PredictionManifest
     queries: Mapping[str, Query]
 
     @staticmethod
     def of(protocol: str, protocol_digest: str, capture_digest: str, queries: Iterable[Query]) -> Asked:
         """From the protocol's name@version, the digests and the queries as a method is asked them."""
-        return Asked(Manifest(protocol, protocol_digest, capture_digest), {query.key: query for query in queries})
+        return Asked(
+            PredictionManifest(protocol, protocol_digest, capture_digest), {query.key: query for query in queries}
+        )
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class PredictionFolder:
     """A folder that was found fit: `digest` covers every byte that decides a result."""
 
     path: Path
-    manifest: Manifest
+    manifest: PredictionManifest
     times: DeclaredTimes | None
     digest: str
 
@@ -72,7 +74,7 @@ def read_folder(folder: Path, asked: Asked, allow_missing: bool = False) -> Pred
             continue
         try:
             bad = what_is_not_finite(read_picture(path, query.camera))
-        except Misfit as error:
+        except UnfitPicture as error:
             problems.add(error.kind, f"{key}{suffix} {error}")
             continue
         if bad and not allow_missing:

@@ -27,7 +27,7 @@ _BYTES = 64 << 20  # no honest file is larger
 
 
 @dataclass(frozen=True)
-class Manifest:
+class PredictionManifest:
     """Which questions the pictures answer and who drew them.
 
     protocol            name@version
@@ -72,7 +72,7 @@ def name_fits(name: str) -> bool:
     return _NAME.fullmatch(name) is not None
 
 
-def read_manifest(folder: Path, wanted: Manifest, problems: Problems) -> Manifest | None:
+def read_manifest(folder: Path, wanted: PredictionManifest, problems: Problems) -> PredictionManifest | None:
     """The manifest, which must answer what `wanted` asks; all that is wrong goes to `problems`, and then None."""
 
     def wrong(text: str) -> None:
@@ -108,7 +108,9 @@ def read_manifest(folder: Path, wanted: Manifest, problems: Problems) -> Manifes
         wrong(f"note is {_shown(content['note'])}; give a text")
     if problems.counts() != before:
         return None
-    return Manifest(**{field.name: content[field.name] for field in fields(Manifest) if field.name in content})
+    return PredictionManifest(
+        **{field.name: content[field.name] for field in fields(PredictionManifest) if field.name in content}
+    )
 
 
 def read_times(folder: Path, queries: Collection[str], problems: Problems) -> DeclaredTimes | None:

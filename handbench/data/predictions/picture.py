@@ -20,7 +20,7 @@ _DEPTH, _NORMAL = ("depth.Z",), ("normal.X", "normal.Y", "normal.Z")
 _ALLOWED = [{*_COLOUR, *extra} for extra in ((), _DEPTH, _NORMAL, (*_DEPTH, *_NORMAL))]
 
 
-class Misfit(InputError):
+class UnfitPicture(InputError):
     """What is wrong with a picture; `kind` is one of `problems.KINDS`."""
 
     def __init__(self, kind: str, text: str) -> None:
@@ -31,7 +31,7 @@ class Misfit(InputError):
 def read_picture(path: Path, camera: Camera) -> Prediction:
     """The prediction in an EXR file, or in a PNG file of sRGB values and straight alpha.
 
-    Raises `Misfit` for the first thing that is wrong; NaN is passed on.
+    Raises `UnfitPicture` for the first thing that is wrong; NaN is passed on.
 
     The size is looked at before any pixel is read, so that no file makes us hold more than a camera's picture.
     """
@@ -39,16 +39,16 @@ def read_picture(path: Path, camera: Camera) -> Prediction:
         return _displayed(path, camera)
     channels = _channels(path, camera)
     if set(channels) not in _ALLOWED:
-        raise Misfit("channels", f"has {', '.join(sorted(channels)) or 'none'}")
+        raise UnfitPicture("channels", f"has {', '.join(sorted(channels)) or 'none'}")
     for name, pixels in channels.items():
         if pixels.dtype not in (np.float16, np.float32):
-            raise Misfit("channels", f"has {name} as {pixels.dtype}")
+            raise UnfitPicture("channels", f"has {name} as {pixels.dtype}")
         if pixels.shape != (camera.height, camera.width):
-            raise Misfit("channels", f"has {name} as {pixels.shape}, subsampled")
+            raise UnfitPicture("channels", f"has {name} as {pixels.shape}, subsampled")
     try:
         alpha = clamped_alpha(channels["A"].astype(np.float32), "")
     except InputError as error:
-        raise Misfit("colour", str(error).strip()) from error
+        raise UnfitPicture("colour", str(error).strip()) from error
     depth = channels[_DEPTH[0]].astype(np.float32) if _DEPTH[0] in channels else None
     normal = _stacked(channels, _NORMAL) if _NORMAL[0] in channels else None
     return Prediction(_stacked(channels, _COLOUR[:3]), alpha, depth=depth, normal=normal)
@@ -62,13 +62,13 @@ def _displayed(path: Path, camera: Camera) -> Prediction:
     except InputError as error:
         raise _unreadable(path, error) from error
     if size != wanted:
-        raise Misfit("size", f"is {size[0]}x{size[1]}, its camera says {wanted[0]}x{wanted[1]}")
+        raise UnfitPicture("size", f"is {size[0]}x{size[1]}, its camera says {wanted[0]}x{wanted[1]}")
     try:
         picture = pictures.read_picture(path, pictures.Stated(encoding="srgb", alpha="straight"))
     except InputError as error:
         raise _unreadable(path, error) from error
     if picture.alpha is None:
-        raise Misfit("channels", "has no alpha")
+        raise UnfitPicture("channels", "has no alpha")
     return Prediction(picture.image, picture.alpha)
 
 
@@ -89,21 +89,21 @@ def _stacked(channels: Mapping[str, Array], names: tuple[str, ...]) -> Array:
 
 
 def _channels(path: Path, camera: Camera) -> dict[str, Array]:
-    """The channels as stored; `Misfit` if the header tells that they are not what is asked for."""
+    """The channels as stored; `UnfitPicture` if the header tells that they are not what is asked for."""
     try:
         parts = read_parts(path, "picture")
     except InputError as error:
         raise _unreadable(path, error) from error
     if len(parts) != 1:
-        raise Misfit("unreadable", f"has {len(parts)} parts, expected 1")
+        raise UnfitPicture("unreadable", f"has {len(parts)} parts, expected 1")
     (part,) = parts
     window = part.data
     if (window.left, window.top, window.width, window.height) != (0, 0, camera.width, camera.height):
         at = f" at ({window.left}, {window.top})" if (window.left, window.top) != (0, 0) else ""
         size = f"{window.width}x{window.height}{at}"
-        raise Misfit("size", f"is {size}, its camera says {camera.width}x{camera.height}")
+        raise UnfitPicture("size", f"is {size}, its camera says {camera.width}x{camera.height}")
     if part.colours is not None:
-        raise Misfit("colour", f"states the primaries {part.colours}")
+        raise UnfitPicture("colour", f"states the primaries {part.colours}")
     try:
         with opened(path, "picture") as file:
             return {name: channel.pixels for name, channel in file.channels().items()}
@@ -111,5 +111,5 @@ def _channels(path: Path, camera: Camera) -> dict[str, Array]:
         raise _unreadable(path, error) from error
 
 
-def _unreadable(path: Path, error: InputError) -> Misfit:
-    return Misfit("unreadable", f"cannot be read ({str(error).removeprefix(f'picture {path} ')})")
+def _unreadable(path: Path, error: InputError) -> UnfitPicture:
+    return UnfitPicture("unreadable", f"cannot be read ({str(error).removeprefix(f'picture {path} ')})")

@@ -21,12 +21,12 @@ from . import goliath, harp, interhand, palm, reinterhand, uhm
 __all__ = ["open_at"]
 
 _LAYOUTS = (
-    (interhand.fits, interhand.InterHand),
-    (reinterhand.fits, reinterhand.ReInterHand),
-    (harp.fits, harp.Harp),
-    (goliath.fits, goliath.Goliath),
-    (palm.fits, palm.Palm),
-    (uhm.fits, uhm.Uhm),
+    (interhand.fits, interhand.InterHandCapture),
+    (reinterhand.fits, reinterhand.ReInterHandCapture),
+    (harp.fits, harp.HarpCapture),
+    (goliath.fits, goliath.GoliathCapture),
+    (palm.fits, palm.PalmCapture),
+    (uhm.fits, uhm.UhmCapture),
 )
 
 

@@ -52,13 +52,13 @@ def fits(folder: Path) -> bool:
     return bool(_captures(folder))
 
 
-def open_capture(size: str = "released", folder: Path | None = None, progress: Progress = silent) -> Goliath:
+def open_capture(size: str = "released", folder: Path | None = None, progress: Progress = silent) -> GoliathCapture:
     """Goliath's hand captures on the user's disk: one, or a folder of several."""
     check_size(NAME, size, SIZES)
-    return Goliath(place_of(NAME, folder, fits))
+    return GoliathCapture(place_of(NAME, folder, fits))
 
 
-class Goliath(Capture):
+class GoliathCapture(Capture):
     """Hands on a light stage. Segments are the authors' "train" and "test", kinds are "full" and "group".
 
     Meshes need faces and UVs: a `topology.obj` beside the captures, whose vertices are in the registration's order.

@@ -51,13 +51,13 @@ def fits(folder: Path) -> bool:
     return any(folder.glob("subject_*/*/metro_mano"))
 
 
-def open_capture(size: str = "released", folder: Path | None = None, progress: Progress = silent) -> Harp:
+def open_capture(size: str = "released", folder: Path | None = None, progress: Progress = silent) -> HarpCapture:
     """HARP's sequences on the user's disk."""
     check_size(NAME, size, SIZES)
-    return Harp(place_of(NAME, folder, fits))
+    return HarpCapture(place_of(NAME, folder, fits))
 
 
-class Harp(Capture):
+class HarpCapture(Capture):
     """Moving hands before one camera. Segments are "fit" and "test"; a pose is named by sequence and number."""
 
     layout = "HARP"

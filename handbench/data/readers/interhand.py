@@ -58,13 +58,13 @@ def fits(folder: Path) -> bool:
     return (folder / "annotations").is_dir() and any((folder / "images" / split).is_dir() for split in _SPLITS)
 
 
-def open_capture(size: str = "released", folder: Path | None = None, progress: Progress = silent) -> InterHand:
+def open_capture(size: str = "released", folder: Path | None = None, progress: Progress = silent) -> InterHandCapture:
     """InterHand2.6M on the user's disk: "released", or "palm", the twelve sequences of PALM's evaluation."""
     check_size(NAME, size, SIZES)
-    return InterHand(place_of(NAME, folder, fits), size)
+    return InterHandCapture(place_of(NAME, folder, fits), size)
 
 
-class InterHand(Capture):
+class InterHandCapture(Capture):
     """Pictures of single right hands that MANO was fitted to; others are left out and counted in `remarks`."""
 
     layout = "InterHand2.6M"

@@ -43,13 +43,13 @@ def fits(folder: Path) -> bool:
     return bool(_subjects(folder))
 
 
-def open_capture(size: str = "released", folder: Path | None = None, progress: Progress = silent) -> Palm:
+def open_capture(size: str = "released", folder: Path | None = None, progress: Progress = silent) -> PalmCapture:
     """PALM's hands on the user's disk, or as many of them as there are."""
     check_size(NAME, size, SIZES)
-    return Palm(place_of(NAME, folder, fits))
+    return PalmCapture(place_of(NAME, folder, fits))
 
 
-class Palm(Capture):
+class PalmCapture(Capture):
     """Every camera in every pose that has a picture; all are of the segment "scan"."""
 
     layout = "PALM"

@@ -57,13 +57,13 @@ def fits(folder: Path) -> bool:
     return bool(_captures(folder))
 
 
-def open_capture(size: str = "released", folder: Path | None = None, progress: Progress = silent) -> ReInterHand:
+def open_capture(size: str = "released", folder: Path | None = None, progress: Progress = silent) -> ReInterHandCapture:
     """Re:InterHand's captures on the user's disk: one, or a folder of several."""
     check_size(NAME, size, SIZES)
-    return ReInterHand(place_of(NAME, folder, fits))
+    return ReInterHandCapture(place_of(NAME, folder, fits))
 
 
-class ReInterHand(Capture):
+class ReInterHandCapture(Capture):
     """The right hands of pictures that show two. A frame's mask is what of the right hand the left does not hide.
 
     Segments are those of frame_list.txt; lightings are named by the frame, or by the segment, that has its own.

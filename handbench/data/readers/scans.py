@@ -18,7 +18,7 @@ from ...scene import Array
 from ..codes import read_codes
 from ..picturesize import picture_size
 from .keypoints import TIPS_FIRST, fields, shaped
-from .zipped import Kept, Zips
+from .zipped import FileSet, Zips
 
 LISTS = {"train": "frame_list_train.txt", "test": "frame_list_test.txt"}
 FOCAL = 2000.0
@@ -167,7 +167,7 @@ class GoliathScan(Scan):
         parts = folder.parent.name.split("--")
         self.subject = parts[3] if len(parts) > 4 else folder.parent.name if folder.name == "Hands" else folder.name
         self._zips = Zips()
-        self._kept: dict[tuple[str, str], Kept] = {}
+        self._kept: dict[tuple[str, str], FileSet] = {}
 
     def moments(self) -> Iterator[Moment]:
         for segment in LISTS:
@@ -227,7 +227,7 @@ class GoliathScan(Scan):
             raise InputError(f"{self.folder}: {kind} {moment.number} is cut off; get it anew")
         return np.frombuffer(content, "<f4")
 
-    def _of(self, sequence: str, kind: str) -> Kept:
+    def _of(self, sequence: str, kind: str) -> FileSet:
         if (sequence, kind) not in self._kept:
-            self._kept[sequence, kind] = Kept(self._zips, self.folder / sequence, kind)
+            self._kept[sequence, kind] = FileSet(self._zips, self.folder / sequence, kind)
         return self._kept[sequence, kind]

@@ -45,13 +45,13 @@ def fits(folder: Path) -> bool:
     return bool(_scans(folder))
 
 
-def open_capture(size: str = "released", folder: Path | None = None, progress: Progress = silent) -> Uhm:
+def open_capture(size: str = "released", folder: Path | None = None, progress: Progress = silent) -> UhmCapture:
     """Phone scans on the user's disk: one, or a folder of several people's."""
     check_size(NAME, size, SIZES)
-    return Uhm(place_of(NAME, folder, fits))
+    return UhmCapture(place_of(NAME, folder, fits))
 
 
-class Uhm(Capture):
+class UhmCapture(Capture):
     """Moving right hands before one phone. Segments are the lists, "train" and "test"."""
 
     layout = "UHM's phone scans"

@@ -61,7 +61,7 @@ class Zips:
         return found
 
 
-class Kept:
+class FileSet:
     """The files of a kind: in the folder of its name, or in the archive `KIND.zip` beside, below `KIND/` or not."""
 
     def __init__(self, zips: Zips, folder: Path, kind: str) -> None:

@@ -34,7 +34,7 @@ _SOUND = "audit-sound"
 
 
 @dataclass(frozen=True)
-class Stage:
+class Injection:
     """Where NaN is put in, and how many of the queries' values it spoils (None: all; 0: the file is refused)."""
 
     name: str
@@ -76,20 +76,20 @@ class Stage:
 
 
 STAGES = (
-    Stage("training", None),
-    Stage("personalising", None),
-    Stage("a prediction", 1),
-    Stage("a metric", None),
-    Stage("a stored value", 0),
+    Injection("training", None),
+    Injection("personalising", None),
+    Injection("a prediction", 1),
+    Injection("a metric", None),
+    Injection("a stored value", 0),
 )
 _ONE_METRIC = ("a metric",)
 
 
-def _named(stage: Stage) -> str:
+def _named(stage: Injection) -> str:
     return f"audit-{stage.name}"
 
 
-def _run(evidence: Evidence, stage: Stage, folder: Path) -> Any:
+def _run(evidence: Evidence, stage: Injection, folder: Path) -> Any:
     """The table of a run of the sound and the faulty method."""
     store, frames, column = Store(folder), *_few(evidence)
     store.prepare()

@@ -57,7 +57,7 @@ class Core:
             )
 
     @torch.no_grad()
-    def learn(self, mesh: Mesh) -> Known:
+    def learn(self, mesh: Mesh) -> KnownPose:
         """What is kept of a pose: raster, texels and their transfer from the texels of the scene's map."""
         with self._skips():
             posed = PosedMesh(mesh)
@@ -76,7 +76,7 @@ class Core:
                 found = transfer(normal, position, rough, centre, directions[part], seen)
                 kept.index_add_(1, torch.from_numpy(owner[part]), found * _column(shares[part], found))
             self._drawn(raster, texels, *kept[:, :3])  # the raster's lookup table is kept as well
-        return Known(self, raster, texels, kept if self.scene.roughness is not None else kept[:1].contiguous())
+        return KnownPose(self, raster, texels, kept if self.scene.roughness is not None else kept[:1].contiguous())
 
     def _skips(self) -> AbstractContextManager[None]:
         return skipping(Skips() if self.configuration.skips else NONE)
@@ -115,7 +115,7 @@ class Core:
         return picture.permute(1, 2, 0).numpy()
 
 
-class Known:
+class KnownPose:
     """A pose whose transfer is kept."""
 
     def __init__(self, core: Core, raster: Raster, texels: Tensor | None, kept: Tensor) -> None:

@@ -86,7 +86,7 @@ class TimeAt:
 
 
 @dataclass(frozen=True)
-class Line:
+class RendererTimes:
     """A renderer's times to the same errors, for new poses or for known ones."""
 
     pose: Literal["new", "known"] = told("which poses")
@@ -94,7 +94,7 @@ class Line:
     cells: tuple[TimeAt, ...] = told("one an error")
 
 
-def table(curves: Sequence[ErrorCurve], targets: Sequence[float] = TARGETS) -> tuple[Line, ...]:
+def table(curves: Sequence[ErrorCurve], targets: Sequence[float] = TARGETS) -> tuple[RendererTimes, ...]:
     """A line a pose and renderer: seconds to each error, and for competitors how much faster ours is."""
     lines = []
     for pose in dict.fromkeys(curve.pose for curve in curves):
@@ -109,5 +109,5 @@ def table(curves: Sequence[ErrorCurve], targets: Sequence[float] = TARGETS) -> t
                     ratio = speed_up(mine, found)
                     cell = replace(cell, compared=True, speed_up=ratio.times, sign=ratio.sign, reason=ratio.reason)
                 cells.append(cell)
-            lines.append(Line(pose, curve.renderer, tuple(cells)))
+            lines.append(RendererTimes(pose, curve.renderer, tuple(cells)))
     return tuple(lines)

@@ -15,7 +15,7 @@ from ...method import Progress, silent
 from ...methods.palm.config import PRESETS, PalmConfig
 from ...methods.palm.model import Conditions, PalmModel
 from ...render.volume import Shell
-from .record import Measured, Part
+from .record import ImplicitPart, PartTrial
 
 REACH = 6e-3
 """Metres around the skin in which a distance is learned."""
@@ -33,7 +33,7 @@ VARIANTS: Mapping[str, PalmConfig] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
+class DistanceSamples:
     """Places (N, 3) about the neutral hand at rest, their signed distances (N,), and which are within `REACH`, (M,)."""
 
     places: Tensor
@@ -41,12 +41,12 @@ class Skin:
     near: Tensor
 
     @staticmethod
-    def of_neutral() -> Skin:
+    def of_neutral() -> DistanceSamples:
         hand = hand_model()
         mesh = hand.mesh(hand.neutral(), hand.named_pose("rest"), 2)
         shell = Shell.around(mesh.vertices, mesh.topology.faces, 8e-3, 2e-3)
         distances = shell.distance[:, 0]
-        return Skin(shell.lattice.nodes(), distances, (distances.abs() < REACH).nonzero()[:, 0])
+        return DistanceSamples(shell.lattice.nodes(), distances, (distances.abs() < REACH).nonzero()[:, 0])
 
     def some(self, count: int, rows: torch.Generator, far: int = 0) -> tuple[Tensor, Tensor]:
         """`count` of the places near the skin and `far` anywhere, drawn, and their distances."""
@@ -62,8 +62,8 @@ def conditions(model: PalmModel) -> Conditions:
 
 
 def learned(
-    name: str, config: PalmConfig, skin: Skin, steps: int, progress: Progress = silent
-) -> tuple[PalmModel, Part]:
+    name: str, config: PalmConfig, skin: DistanceSamples, steps: int, progress: Progress = silent
+) -> tuple[PalmModel, ImplicitPart]:
     """A model whose geometry has learned the skin in `steps` steps, and its mean error in millimetres on the way."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
@@ -79,9 +79,9 @@ def learned(
         if step in (steps // 8, steps // 4, steps // 2, steps):
             with torch.no_grad():
                 error = (model.geometry(test, conditions(model)).sdf - expected).abs().mean()
-            found.append(Measured(f"{step} steps", step, 1e3 * float(error), spent))
+            found.append(PartTrial(f"{step} steps", step, 1e3 * float(error), spent))
         progress(step, steps)
-    return model, Part(name, tuple(found))
+    return model, ImplicitPart(name, tuple(found))
 
 
 def _step(model: PalmModel, adam: torch.optim.Adam, places: Tensor, distances: Tensor, share: float) -> None:
@@ -95,7 +95,7 @@ def _step(model: PalmModel, adam: torch.optim.Adam, places: Tensor, distances: T
     adam.step()
 
 
-def step_of(config: PalmConfig, skin: Skin) -> tuple[int, float]:
+def step_of(config: PalmConfig, skin: DistanceSamples) -> tuple[int, float]:
     """Rows of the tables of the geometry's encoding, and the least seconds of CPU of three steps after a first one."""
     model = PalmModel(config, hand_model(), 1)
     adam = torch.optim.Adam(model.geometry_field.parameters(), betas=(0.9, 0.99))

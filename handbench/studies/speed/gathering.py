@@ -21,7 +21,7 @@ from ...methods.palm.visibility import MeshOccluder
 from ...render.see.posedmesh import PosedMesh
 from ...render.see.raster import rasterise
 from ...scene import Camera, Directional, Environment, Group
-from .record import Measured, Part
+from .record import ImplicitPart, PartTrial
 
 MAPS = {"brightday": "sun in a bright sky", "nightlights": "night with lamps"}
 COUNTS = (32, 128, 512)
@@ -74,29 +74,31 @@ def places(mesh: PosedMesh, view: Camera) -> Scattering:
     return Scattering(count, torch.arange(count), torch.ones(count), point, normal, towards, skin)
 
 
-def gathered(height: int, repeats: int, progress: Progress = silent) -> tuple[Part, ...]:
+def gathered(height: int, repeats: int, progress: Progress = silent) -> tuple[ImplicitPart, ...]:
     """Each way's error under each map: relative RMSE against a light in the middle of every ninth of a texel.
 
     Errors and seconds of CPU are means of `repeats` draws.
     """
     mesh = posed("rest")
     where, occluder = places(mesh, camera(height)), MeshOccluder(mesh)
-    found: list[Part] = []
+    found: list[ImplicitPart] = []
     for done, (name, title) in enumerate(MAPS.items(), start=1):
         found += _under(resize(environment(name, 64), 16, 32), title, where, occluder, repeats)
         progress(done, len(MAPS))
     return tuple(found)
 
 
-def _under(light: Environment, title: str, where: Scattering, occluder: MeshOccluder, repeats: int) -> Sequence[Part]:
+def _under(
+    light: Environment, title: str, where: Scattering, occluder: MeshOccluder, repeats: int
+) -> Sequence[ImplicitPart]:
     fine = Group(tuple(map(Directional, *to_directional(resize(light, _FINE, 2 * _FINE)))))
     truth = Gatherer(where, occluder, Gathering()).colours(fine)
 
-    def measured(label: str, size: float, how: Sequence[Gathering]) -> Measured:
+    def measured(label: str, size: float, how: Sequence[Gathering]) -> PartTrial:
         errors, start = [], time.process_time()
         for one in how:
             errors.append(float((Gatherer(where, occluder, one).colours(light) - truth).norm() / truth.norm()))
-        return Measured(label, size, float(np.mean(errors)), (time.process_time() - start) / len(how))
+        return PartTrial(label, size, float(np.mean(errors)), (time.process_time() - start) / len(how))
 
     parts = []
     for number, first in enumerate(_ways(1, 0)):
@@ -104,7 +106,7 @@ def _under(light: Environment, title: str, where: Scattering, occluder: MeshOccl
         for count in COUNTS:
             how = [_ways(count, seed)[number].gathering for seed in range(repeats)]
             points.append(measured(f"{count} directions", count, how))
-        parts.append(Part(f"{title}: {first.title}", tuple(points)))
+        parts.append(ImplicitPart(f"{title}: {first.title}", tuple(points)))
     few = Gathering()
     lights = len(light_samples(light, environment_error=few.error))
-    return [*parts, Part(f"{title}: distant lights", (measured(f"{lights} lights", lights, [few]),))]
+    return [*parts, ImplicitPart(f"{title}: distant lights", (measured(f"{lights} lights", lights, [few]),))]

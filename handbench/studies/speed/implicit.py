@@ -18,7 +18,7 @@ _PARTS = 6
 
 def of_implicit(quick: bool, progress: Progress = silent) -> Implicit:
     """Everything of `Implicit`: about a minute of one core, a third of that if `quick`. Times are of CPU."""
-    skin = fields.Skin.of_neutral()
+    skin = fields.DistanceSamples.of_neutral()
     steps = 40 if quick else 120
     models, parts = [], []
     for done, (name, config) in enumerate(fields.VARIANTS.items(), start=1):
@@ -50,7 +50,7 @@ def _samples(model: PalmModel, quick: bool) -> Scaling:
     return _growth("samples", "Samples of a ray, 48 rows", counts, times)
 
 
-def _rows(skin: fields.Skin, quick: bool) -> Scaling:
+def _rows(skin: fields.DistanceSamples, quick: bool) -> Scaling:
     """A step of training grows with its tables: Adam goes over all of them."""
     planes = (64, 128, 256) if quick else (64, 128, 256, 512)
     config = fields.VARIANTS["dense grids and tri-plane"]

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from ...results.record import Provenance
 from ...results.schema import told
 from ..record import read_study, write_study
-from .equal_error import Line
+from .equal_error import RendererTimes
 from .measure import ErrorCurve, Trial
 
 RESULT = "speed.json"
@@ -55,7 +55,7 @@ class SceneStudy:
     notes: tuple[str, ...] = told("what a reader must know")
     learn: tuple[Learned, ...] = told("what it took to keep a pose, by setting")
     curves: tuple[ErrorCurve, ...] = told("one a renderer and pose")
-    equal_error: tuple[Line, ...] = told("times to the same errors")
+    equal_error: tuple[RendererTimes, ...] = told("times to the same errors")
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Goal:
 
 
 @dataclass(frozen=True)
-class Fit:
+class PowerLaw:
     """time = scale * size^exponent by least squares in log-log over the last `used` sizes; error: standard error."""
 
     exponent: float = told("of the size")
@@ -86,7 +86,7 @@ class Scaling:
     title: str = told("that for readers")
     sizes: tuple[int, ...] = told("the sizes")
     seconds: tuple[tuple[float, ...], ...] = told("of every repeat at each size")
-    fit: Fit = told("of the medians")
+    fit: PowerLaw = told("of the medians")
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class MethodStudy:
 
 
 @dataclass(frozen=True)
-class Measured:
+class PartTrial:
     """One setting of a part of an implicit hand; times are of one core's CPU."""
 
     label: str = told("the setting")
@@ -119,11 +119,11 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Part:
+class ImplicitPart:
     """A part of an implicit hand at several settings."""
 
     name: str = told("its name for readers")
-    points: tuple[Measured, ...] = told("one a setting")
+    points: tuple[PartTrial, ...] = told("one a setting")
 
     @property
     def power(self) -> float | None:
@@ -148,9 +148,9 @@ class Skipped:
 class Implicit:
     """Implicit hands: what their parts cost and how exact they are."""
 
-    encodings: tuple[Part, ...] = told("mean error of a learned signed distance in millimetres, by steps")
+    encodings: tuple[ImplicitPart, ...] = told("mean error of a learned signed distance in millimetres, by steps")
     skips: tuple[Skipped, ...] = told("all skips first, then with some off")
-    directions: tuple[Part, ...] = told("relative RMSE of light that is gathered, by directions")
+    directions: tuple[ImplicitPart, ...] = told("relative RMSE of light that is gathered, by directions")
     scaling: tuple[Scaling, ...] = told("how time grows")
 
 

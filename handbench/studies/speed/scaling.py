@@ -15,11 +15,11 @@ from ...scene import Array, Mesh
 from .configurations import Configuration
 from .core import Core
 from .measure import timed
-from .record import Fit, Scaling
+from .record import PowerLaw, Scaling
 from .scene import LEVEL, Scene, moved
 
 
-def fit(sizes: Sequence[float], seconds: Sequence[float]) -> Fit:
+def fit(sizes: Sequence[float], seconds: Sequence[float]) -> PowerLaw:
     """The growth over the asymptotic part: sizes from the first that takes twice the shortest time on, three at least.
 
     What takes a fixed time hides growth at small sizes.
@@ -33,7 +33,9 @@ def fit(sizes: Sequence[float], seconds: Sequence[float]) -> Fit:
     constant = float(y.mean() - exponent * x.mean())
     rest = y - constant - exponent * x
     freedom = max(1, len(x) - 2)
-    return Fit(exponent, float(np.sqrt(rest @ rest / freedom / (offset @ offset))), float(np.exp(constant)), len(x))
+    return PowerLaw(
+        exponent, float(np.sqrt(rest @ rest / freedom / (offset @ offset))), float(np.exp(constant)), len(x)
+    )
 
 
 def scalings(scene: Scene, quick: bool, progress: Callable[[], None]) -> list[Scaling]:

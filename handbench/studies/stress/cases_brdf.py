@@ -14,7 +14,7 @@ from ...errors import InputError
 from ...render.shade import brdf, reference
 from ...scene import Array
 from .case import Case
-from .judgement import Compared, accurate, equal, finite, finite_or
+from .judgement import TruthPair, accurate, equal, finite, finite_or
 from .scenes import around, exact, sphere_directions, tangent, tensor, unit
 
 FAMILY = "brdf"
@@ -107,9 +107,9 @@ DARK: dict[str, Callable[[], Directions]] = {
 
 
 def _specular(name: str, where: Directions, beta: float) -> Case:
-    def run() -> Compared:
+    def run() -> TruthPair:
         got = _specular_of(*map(tensor, where), torch.full((len(where[0]),), beta))
-        return Compared(got * cosine(where), _truth(where, beta) * cosine(where).numpy())
+        return TruthPair(got * cosine(where), _truth(where, beta) * cosine(where).numpy())
 
     return Case(FAMILY, name, accurate(1e-5), run, JAX)
 
@@ -161,16 +161,16 @@ def _gradient(name: str, where: Directions, beta: float, accurate_to: float | No
         import jax
 
         truth = _jax(jax.grad(lambda b: _printed(where, b).sum()), beta)
-        return grads[:3], Compared(rough.grad, np.asarray(truth))
+        return grads[:3], TruthPair(rough.grad, np.asarray(truth))
 
     if accurate_to is None:
         return Case(FAMILY, name, finite(), run)
     return Case(FAMILY, name, accurate(accurate_to), lambda: run()[1], JAX)
 
 
-def _dark(where: Directions) -> Compared:
+def _dark(where: Directions) -> TruthPair:
     got = _specular_of(*map(tensor, where), torch.full((len(where[0]),), 0.3))
-    return Compared(got, torch.zeros(len(where[0])))
+    return TruthPair(got, torch.zeros(len(where[0])))
 
 
 def _low_precision(where: Directions, beta: float, dtype: torch.dtype) -> Tensor:
@@ -178,18 +178,18 @@ def _low_precision(where: Directions, beta: float, dtype: torch.dtype) -> Tensor
     return _specular_of(*inputs, torch.full((len(where[0]),), beta, dtype=dtype))
 
 
-def _reciprocity() -> Compared:
+def _reciprocity() -> TruthPair:
     normal, view, light = map(tensor, anywhere())
     rough = torch.linspace(0.02, 1.0, len(normal))
-    return Compared(brdf.specular(normal, view, light, rough), brdf.specular(normal, light, view, rough))
+    return TruthPair(brdf.specular(normal, view, light, rough), brdf.specular(normal, light, view, rough))
 
 
-def _phong(where: Directions) -> Compared:
+def _phong(where: Directions) -> TruthPair:
     normal, view, light = unit(where[0]), *where[1:]
     to_light = (normal * light).sum(1, keepdims=True)
     lobe = ((2.0 * to_light * normal - light) * view).sum(1).clip(0.0, 1.0) ** brdf.SHININESS
     got = _phong_of(*map(tensor, where)) * cosine(where)
-    return Compared(got, lobe * cosine(where).numpy())
+    return TruthPair(got, lobe * cosine(where).numpy())
 
 
 def _phong_gradient(where: Directions) -> tuple[Any, ...]:

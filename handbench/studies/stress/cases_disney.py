@@ -18,7 +18,7 @@ from ...scene import Array
 from .case import Case
 from .cases_brdf import ANGLES, DARK, PLACES, Directions, across, anywhere, cosine, mirror
 from .cases_shading import TEXELS, setting
-from .judgement import Compared, accurate, equal, finite, finite_or
+from .judgement import TruthPair, accurate, equal, finite, finite_or
 from .scenes import tensor, unit
 
 FAMILY = "disney"
@@ -29,7 +29,7 @@ _radiance_of: Callable[..., Tensor] = disney_radiance
 
 
 @dataclass(frozen=True)
-class Skin:
+class DisneyParameters:
     """The three parameters, the same for all texels."""
 
     albedo: float = 0.6
@@ -49,27 +49,32 @@ def cases() -> Iterator[Case]:
     for beta in (0.0, 0.02, 0.1, 0.5, 1.0, 2.0):
         for metallic in (0.0, 1.0):
             name = f"roughness {beta:g}, metallic {metallic:g}"
-            yield _accurate(name, anywhere(), Skin(0.6, beta, metallic))
-            yield Case(FAMILY, f"gradient, {name}", finite(), partial(_gradient, mirror(), Skin(0.6, beta, metallic)))
+            yield _accurate(name, anywhere(), DisneyParameters(0.6, beta, metallic))
+            yield Case(
+                FAMILY,
+                f"gradient, {name}",
+                finite(),
+                partial(_gradient, mirror(), DisneyParameters(0.6, beta, metallic)),
+            )
     for beta in (0.02, 0.1, 0.5):
-        yield _accurate(f"roughness {beta:g}, across the lobe", across(), Skin(0.6, beta, 0.5))
+        yield _accurate(f"roughness {beta:g}, across the lobe", across(), DisneyParameters(0.6, beta, 0.5))
     for name, make in PLACES.items():
-        yield _accurate(name, make(), Skin())
-        yield Case(FAMILY, f"gradient, {name}", finite(), partial(_gradient, make(), Skin()))
+        yield _accurate(name, make(), DisneyParameters())
+        yield Case(FAMILY, f"gradient, {name}", finite(), partial(_gradient, make(), DisneyParameters()))
     for name, make in DARK.items():
         yield Case(FAMILY, f"{name} is black", equal(), partial(_dark, make()), "zero")
     for name, skin in {
-        "black": Skin(albedo=0.0),
-        "white metal": Skin(1.0, 0.4, 1.0),
-        "albedo and metallic above 1": Skin(2.0, 0.4, 3.0),
-        "albedo and metallic below 0": Skin(-1.0, 0.4, -1.0),
+        "black": DisneyParameters(albedo=0.0),
+        "white metal": DisneyParameters(1.0, 0.4, 1.0),
+        "albedo and metallic above 1": DisneyParameters(2.0, 0.4, 3.0),
+        "albedo and metallic below 0": DisneyParameters(-1.0, 0.4, -1.0),
     }.items():
         yield _accurate(name, anywhere(), skin)
         yield Case(FAMILY, f"gradient, {name}", finite(), partial(_gradient, anywhere(), skin))
     for dtype in (torch.float16, torch.bfloat16):
         for beta in (0.02, 0.5):
             name = f"{str(dtype).removeprefix('torch.')}, roughness {beta:g}"
-            low = partial(Skin(0.6, beta).evaluate, mirror(), dtype)
+            low = partial(DisneyParameters(0.6, beta).evaluate, mirror(), dtype)
             yield Case(FAMILY, name, finite_or(InputError), low)
     for count in (1, 32):
         sums = partial(_radiance, count)
@@ -77,15 +82,15 @@ def cases() -> Iterator[Case]:
     yield Case(FAMILY, "gradient, radiance of 32 lights", finite(), _radiance_gradient)
 
 
-def _accurate(name: str, where: Directions, skin: Skin) -> Case:
-    def run() -> Compared:
+def _accurate(name: str, where: Directions, skin: DisneyParameters) -> Case:
+    def run() -> TruthPair:
         weight = cosine(where)[:, None]
-        return Compared(skin.evaluate(where) * weight, _truth(where, skin) * weight.numpy())
+        return TruthPair(skin.evaluate(where) * weight, _truth(where, skin) * weight.numpy())
 
     return Case(FAMILY, name, accurate(1e-5), run, JAX)
 
 
-def _truth(where: Directions, skin: Skin) -> Array:
+def _truth(where: Directions, skin: DisneyParameters) -> Array:
     """The reference at the clamped parameters, zero where light or view is not above the surface."""
     import jax
     import jax.numpy as jnp
@@ -104,7 +109,7 @@ def _truth(where: Directions, skin: Skin) -> Array:
         return np.where(above[:, None], np.asarray(values), 0.0)
 
 
-def _gradient(where: Directions, skin: Skin) -> tuple[Any, ...]:
+def _gradient(where: Directions, skin: DisneyParameters) -> tuple[Any, ...]:
     inputs = [tensor(values) for values in where] + list(skin.tensors(len(where[0])))
     for value in inputs:
         value.requires_grad_()
@@ -112,13 +117,13 @@ def _gradient(where: Directions, skin: Skin) -> tuple[Any, ...]:
     return tuple(value.grad for value in inputs)
 
 
-def _dark(where: Directions) -> Compared:
-    return Compared(Skin().evaluate(where), torch.zeros(ANGLES, 3))
+def _dark(where: Directions) -> TruthPair:
+    return TruthPair(DisneyParameters().evaluate(where), torch.zeros(ANGLES, 3))
 
 
-def _radiance(count: int) -> Compared:
+def _radiance(count: int) -> TruthPair:
     where = setting(count)
-    skin = Skin(0.6, 0.4, 0.3)
+    skin = DisneyParameters(0.6, 0.4, 0.3)
     position = tensor(where.position.T)
     albedo, rough, metallic = skin.tensors(TEXELS)
     got = disney_radiance(tensor(where.normal.T), position, albedo.T, rough, metallic, where.centre, where.lights)
@@ -127,12 +132,12 @@ def _radiance(count: int) -> Compared:
     for direction, power in zip(where.lights.directions, where.lights.irradiance, strict=True):
         place = (normal, view, np.broadcast_to(direction, normal.shape))
         total += skin.evaluate(place, torch.float64) * cosine(place)[:, None] * torch.from_numpy(power)
-    return Compared(got, total.T)
+    return TruthPair(got, total.T)
 
 
 def _radiance_gradient() -> tuple[Any, ...]:
     where = setting()
-    albedo, rough, metallic = Skin(0.6, 0.4, 0.3).tensors(TEXELS)
+    albedo, rough, metallic = DisneyParameters(0.6, 0.4, 0.3).tensors(TEXELS)
     inputs = [tensor(where.normal.T), tensor(where.position.T), albedo.T.contiguous(), rough, metallic]
     for value in inputs:
         value.requires_grad_()

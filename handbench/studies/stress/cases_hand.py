@@ -16,7 +16,7 @@ from ...hand.collision import penetration
 from ...hand.skinning import rotation_matrix
 from ...scene import Array, Pose
 from .case import Case
-from .judgement import Compared, accurate, equal, finite, finite_or, refused
+from .judgement import TruthPair, accurate, equal, finite, finite_or, refused
 
 FAMILY = "hand"
 
@@ -66,10 +66,10 @@ def _poses() -> dict[str, Array]:
     }
 
 
-def _skinned(joints: Array) -> Compared:
+def _skinned(joints: Array) -> TruthPair:
     """Errors are measured against 10 cm at least, about the size of a hand."""
     given = joints.astype(np.float32)
-    return Compared(_skin(given, torch.float32), _skin(given, torch.float64), least=0.1)
+    return TruthPair(_skin(given, torch.float32), _skin(given, torch.float64), least=0.1)
 
 
 def _gradient(joints: Array) -> tuple[Any, ...]:
@@ -81,16 +81,16 @@ def _gradient(joints: Array) -> tuple[Any, ...]:
     return tuple(value.grad for value in inputs)
 
 
-def _shifted() -> Compared:
+def _shifted() -> TruthPair:
     pose = _hand().named_pose("fist")
     far = _hand().mesh(_hand().neutral(), Pose(pose.joints, pose.rotation, np.full(3, 1000.0)), level=1)
-    return Compared(far.vertices - 1000.0, _hand().mesh(_hand().neutral(), pose, level=1).vertices)
+    return TruthPair(far.vertices - 1000.0, _hand().mesh(_hand().neutral(), pose, level=1).vertices)
 
 
-def _whole_turn() -> Compared:
+def _whole_turn() -> TruthPair:
     joints = _hand().named_pose("fist").joints
     turned = _hand().skin(_hand().neutral(), joints, rotation=(0.0, 2 * np.pi, 0.0))
-    return Compared(turned, _skin(joints, torch.float32), least=0.1)
+    return TruthPair(turned, _skin(joints, torch.float32), least=0.1)
 
 
 def _shapes() -> dict[str, Array]:
@@ -103,9 +103,9 @@ def _shaped(shape: Array) -> Array:
     return _hand().mesh(shape, _hand().named_pose("fist"), level=1).vertices
 
 
-def _orthogonal(angle: float) -> Compared:
+def _orthogonal(angle: float) -> TruthPair:
     turn = rotation_matrix(torch.tensor([0.6, 0.0, 0.8]) * angle)
-    return Compared(turn @ turn.T, torch.eye(3), least=1.0)
+    return TruthPair(turn @ turn.T, torch.eye(3), least=1.0)
 
 
 def _rotation_gradient(angle: float) -> Tensor | None:
@@ -136,8 +136,8 @@ def _broken() -> dict[str, Callable[[], Any]]:
     }
 
 
-def _collides() -> Compared:
+def _collides() -> TruthPair:
     """The named fist is free; bent twice as far it is not."""
     fist = _hand().named_pose("fist").joints
     free = [penetration(_hand(), _skin(k * fist, torch.float64).numpy()).free for k in (1.0, 2.0)]
-    return Compared(free, [True, False])
+    return TruthPair(free, [True, False])

@@ -17,7 +17,7 @@ from ...light.lightset import light_samples
 from ...light.stage import stage_directions
 from ...scene import Array, Directional, Environment, Group, Light, Point
 from .case import Case
-from .judgement import Compared, accurate, equal, refused
+from .judgement import TruthPair, accurate, equal, refused
 from .scenes import WHITE
 
 FAMILY = "light"
@@ -43,12 +43,12 @@ def cases() -> Iterator[Case]:
         yield Case(FAMILY, f"stage of {count} lights", equal(1e-12), partial(_stage, count), "unit length")
     group = Group(tuple(Directional(d, WHITE) for d in stage_directions(10_000)))
     yield Case(
-        FAMILY, "group of 10000 lights", equal(), lambda: Compared(len(light_samples(group)), 10_000), "the count"
+        FAMILY, "group of 10000 lights", equal(), lambda: TruthPair(len(light_samples(group)), 10_000), "the count"
     )
     nested: Light = Point(UP, WHITE)
     for _ in range(100):
         nested = Group((nested,))
-    yield Case(FAMILY, "group in 100 groups", equal(), lambda: Compared(len(light_samples(nested)), 1), "the count")
+    yield Case(FAMILY, "group in 100 groups", equal(), lambda: TruthPair(len(light_samples(nested)), 1), "the count")
 
 
 def maps() -> dict[str, Environment]:
@@ -127,8 +127,8 @@ def _dark() -> dict[str, Light]:
     }
 
 
-def _no_lights(light: Light) -> Compared:
-    return Compared(len(light_samples(light)), 0)
+def _no_lights(light: Light) -> TruthPair:
+    return TruthPair(len(light_samples(light)), 0)
 
 
 def irradiance(environment: Environment) -> Array:
@@ -137,21 +137,21 @@ def irradiance(environment: Environment) -> Array:
     return np.einsum("ij,ijc->c", solid, environment.radiance.astype(np.float64))
 
 
-def _power(environment: Environment) -> Compared:
-    return Compared(light_samples(environment).irradiance.sum(axis=0), irradiance(environment))
+def _power(environment: Environment) -> TruthPair:
+    return TruthPair(light_samples(environment).irradiance.sum(axis=0), irradiance(environment))
 
 
-def _turned(environment: Environment) -> Compared:
-    return Compared(irradiance(env.rotate(environment, 1.2345)), irradiance(environment))
+def _turned(environment: Environment) -> TruthPair:
+    return TruthPair(irradiance(env.rotate(environment, 1.2345)), irradiance(environment))
 
 
-def _whole_turn(environment: Environment) -> Compared:
-    return Compared(env.rotate(environment, 2 * np.pi).radiance, environment.radiance)
+def _whole_turn(environment: Environment) -> TruthPair:
+    return TruthPair(env.rotate(environment, 2 * np.pi).radiance, environment.radiance)
 
 
-def _sphere(shape: tuple[int, int]) -> Compared:
-    return Compared(env.solid_angles(*shape).sum(), 4 * np.pi)
+def _sphere(shape: tuple[int, int]) -> TruthPair:
+    return TruthPair(env.solid_angles(*shape).sum(), 4 * np.pi)
 
 
-def _stage(count: int) -> Compared:
-    return Compared(np.linalg.norm(stage_directions(count), axis=1), np.ones(count))
+def _stage(count: int) -> TruthPair:
+    return TruthPair(np.linalg.norm(stage_directions(count), axis=1), np.ones(count))

@@ -20,7 +20,7 @@ from ...method import Recording
 from ...registry import METHODS
 from ...scene import Array, Camera, Directional, Environment, Group, Light, Mesh, Observation, Point, Query, needed
 from .case import Case
-from .judgement import Compared, Expected, equal, finite, finite_or, or_refused, refused
+from .judgement import Expected, TruthPair, equal, finite, finite_or, or_refused, refused
 from .scenes import WHITE, camera, crumpled, flipped, moved, pointlike, torn, unit
 from .trained import damaged, lacking, poisoned, smallest, trained_method
 
@@ -156,8 +156,8 @@ def _proportional(name: str, factor: float) -> Any:
     query = trained.query
     scaled = trained.draw(_under(query.light.scaled(factor), query))
     if not trained.method.info.linear:
-        return Compared(scaled, (scaled.image, scaled.alpha))
-    return Compared(scaled.image.astype(np.float64) / factor, trained.draw(_under(query.light, query)).image, "mean")
+        return TruthPair(scaled, (scaled.image, scaled.alpha))
+    return TruthPair(scaled.image.astype(np.float64) / factor, trained.draw(_under(query.light, query)).image, "mean")
 
 
 def _dark(name: str) -> Any:
@@ -165,7 +165,7 @@ def _dark(name: str) -> Any:
     trained = trained_method(name)
     drawn = trained.draw(_under(Environment("black", np.zeros((16, 32, 3))), trained.query))
     image = drawn.image if trained.method.info.linear else np.zeros_like(drawn.image) * drawn.image
-    return Compared(image, np.zeros_like(drawn.image))
+    return TruthPair(image, np.zeros_like(drawn.image))
 
 
 # -- cameras and meshes ---------------------------------------------------------------------------------------------
@@ -223,7 +223,7 @@ def _shifted(name: str, distance: float) -> Any:
     away = np.column_stack([rotation, matrix[:, 3] - rotation @ shift])
     mesh = Mesh(_mesh(query).vertices + shift, _mesh(query).topology)
     far = trained.draw(_of_mesh(query, mesh, replace(query.camera, world_to_camera=away)))
-    return Compared(far.image, trained.draw(query).image, "mean")
+    return TruthPair(far.image, trained.draw(query).image, "mean")
 
 
 def _out_of_picture(name: str) -> Any:
@@ -232,7 +232,7 @@ def _out_of_picture(name: str) -> Any:
     eye = query.camera.centre
     beside = camera(eye, eye + (eye - _mesh(query).vertices.mean(axis=0)), 48)
     drawn = trained.draw(replace(query, camera=beside, lighting="stress"))
-    return Compared(drawn, (np.zeros_like(drawn.image), np.zeros_like(drawn.alpha)))
+    return TruthPair(drawn, (np.zeros_like(drawn.image), np.zeros_like(drawn.alpha)))
 
 
 # -- recordings ----------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from ...errors import InputError, Unsupported
 from ...registry import METRICS
 from ...scene import Array
 from .case import Case
-from .judgement import Compared, accurate, equal, finite, finite_or, refused
+from .judgement import TruthPair, accurate, equal, finite, finite_or, refused
 
 FAMILY = "metrics"
 SIZE = 40
@@ -122,8 +122,8 @@ def _score(name: str, prediction: Array, truth: Array, mask: Array) -> float:
     return float(score.value)
 
 
-def _equal(name: str, picture: Array, perfect: float) -> Compared:
-    return Compared(_score(name, picture, picture, np.ones(picture.shape[:2])), perfect, least=1.0)
+def _equal(name: str, picture: Array, perfect: float) -> TruthPair:
+    return TruthPair(_score(name, picture, picture, np.ones(picture.shape[:2])), perfect, least=1.0)
 
 
 def _tiny(name: str) -> float:
@@ -131,13 +131,13 @@ def _tiny(name: str) -> float:
     return _score(name, one, one, np.ones((1, 1)))
 
 
-def _psnr(off: float) -> Compared:
+def _psnr(off: float) -> TruthPair:
     prediction = image().astype(np.float64) + off
-    return Compared(
+    return TruthPair(
         _score("psnr:space=linear", prediction, image(), np.ones((SIZE, SIZE))), -20 * np.log10(off), least=1.0
     )
 
 
-def _scale() -> Compared:
+def _scale() -> TruthPair:
     prediction = 1e-6 * image().astype(np.float64)
-    return Compared(_score("psnr:scale=scalar", prediction, image(), np.ones((SIZE, SIZE))), 100.0)
+    return TruthPair(_score("psnr:scale=scalar", prediction, image(), np.ones((SIZE, SIZE))), 100.0)

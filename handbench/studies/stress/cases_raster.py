@@ -16,7 +16,7 @@ from ...render.see.raster import Raster, rasterise
 from ...scene import Camera, Mesh
 from .case import Case
 from .cases_surface import MESHES
-from .judgement import Compared, accurate, equal, finite, finite_or, refused
+from .judgement import TruthPair, accurate, equal, finite, finite_or, refused
 from .scenes import camera, globe, hand, moved
 
 FAMILY = "raster"
@@ -118,16 +118,16 @@ def _gradient(view: Callable[[], Camera]) -> Tensor | None:
     return texture.grad
 
 
-def _alpha_is_zero(view: Callable[[], Camera]) -> Compared:
+def _alpha_is_zero(view: Callable[[], Camera]) -> TruthPair:
     drawn = rasterise(globe(), view())
-    return Compared(
+    return TruthPair(
         (drawn.alpha, drawn.sample(torch.ones(1, 8, 8))), (np.zeros((SIZE, SIZE)), np.zeros((1, SIZE, SIZE)))
     )
 
 
-def _inside() -> Compared:
+def _inside() -> TruthPair:
     drawn = rasterise(globe(), _views()["camera inside the mesh"]())
-    return Compared(drawn.alpha, np.ones((SIZE, SIZE)))
+    return TruthPair(drawn.alpha, np.ones((SIZE, SIZE)))
 
 
 def _picture(mesh: Mesh, eye: Camera) -> tuple[Raster, Tensor]:
@@ -136,7 +136,7 @@ def _picture(mesh: Mesh, eye: Camera) -> tuple[Raster, Tensor]:
     return drawn, drawn.sample(texture)
 
 
-def _same_picture(scale: float, shift: float) -> Compared:
+def _same_picture(scale: float, shift: float) -> TruthPair:
     """The mesh and its camera scaled and shifted together."""
     target = hand().vertices.mean(axis=0)
     eye = target + np.array([0.0, 0.1, 0.6])
@@ -144,19 +144,19 @@ def _same_picture(scale: float, shift: float) -> Compared:
     far = camera(eye * scale + shift, target * scale + shift, SIZE)
     _, there = _picture(moved(hand(), scale, shift), far)
     _, here = _picture(hand(), near)
-    return Compared(there, here, "mean")
+    return TruthPair(there, here, "mean")
 
 
-def _constant() -> Compared:
+def _constant() -> TruthPair:
     drawn = rasterise(globe(), _outside())
-    return Compared(drawn.sample(torch.full((1, 16, 16), 0.7)), 0.7 * drawn.alpha[None])
+    return TruthPair(drawn.sample(torch.full((1, 16, 16), 0.7)), 0.7 * drawn.alpha[None])
 
 
-def _contrast() -> Compared:
+def _contrast() -> TruthPair:
     texture = torch.full((1, 16, 16), 1e-8, dtype=torch.float64)
     texture[:, ::2] = 1e8
     drawn = rasterise(globe(), _outside())
-    return Compared(drawn.sample(texture.float()), drawn.sample(texture))
+    return TruthPair(drawn.sample(texture.float()), drawn.sample(texture))
 
 
 def _low_precision(dtype: torch.dtype) -> Tensor:

@@ -16,7 +16,7 @@ from ...light.reduction import reduced, reduced_to
 from ...scene import Array, Environment
 from .case import Case
 from .cases_light import irradiance, maps
-from .judgement import Compared, accurate, equal, finite, refused
+from .judgement import TruthPair, accurate, equal, finite, refused
 from .scenes import sphere_directions
 
 FAMILY = "reduction"
@@ -32,9 +32,9 @@ def cases() -> Iterator[Case]:
         yield Case(FAMILY, f"{name}, all lights are the texels", equal(1e-12), exact, "to_directional")
         lobes = partial(_fitted, environment)
         yield Case(FAMILY, f"{name}, 8 Gaussians", finite(), lobes)
-    yield Case(FAMILY, "all-zero map has no lights", equal(), lambda: Compared(len(reduced(BLACK, 8)[0]), 0), "zero")
+    yield Case(FAMILY, "all-zero map has no lights", equal(), lambda: TruthPair(len(reduced(BLACK, 8)[0]), 0), "zero")
     yield Case(
-        FAMILY, "all-zero map, an error bound", equal(), lambda: Compared(len(reduced_to(BLACK, 0.1)), 0), "zero"
+        FAMILY, "all-zero map, an error bound", equal(), lambda: TruthPair(len(reduced_to(BLACK, 0.1)), 0), "zero"
     )
     yield Case(FAMILY, "all-zero map, 8 Gaussians are black", equal(), _dark_lobes, "zero")
     yield Case(FAMILY, "an error bound of 1 % is kept", equal(), _bounded, "the bound")
@@ -48,15 +48,15 @@ def cases() -> Iterator[Case]:
         yield Case(FAMILY, name, refused(InputError), run)
 
 
-def _power(environment: Environment, count: int) -> Compared:
+def _power(environment: Environment, count: int) -> TruthPair:
     towards, power = reduced(environment, count)
     length = np.linalg.norm(towards, axis=1)
-    return Compared((power.sum(axis=0), length), (irradiance(environment), np.ones(len(length))))
+    return TruthPair((power.sum(axis=0), length), (irradiance(environment), np.ones(len(length))))
 
 
-def _exact(environment: Environment) -> Compared:
+def _exact(environment: Environment) -> TruthPair:
     size = environment.radiance.shape[:2]
-    return Compared(reduced(environment, size[0] * size[1]), env.to_directional(environment, *size))
+    return TruthPair(reduced(environment, size[0] * size[1]), env.to_directional(environment, *size))
 
 
 def _fitted(environment: Environment) -> tuple[Any, ...]:
@@ -65,14 +65,14 @@ def _fitted(environment: Environment) -> tuple[Any, ...]:
     return lobes.axes, lobes.sharpness, lobes.amplitude, lobes.evaluate(torch.from_numpy(sphere_directions(50)))
 
 
-def _dark_lobes() -> Compared:
+def _dark_lobes() -> TruthPair:
     lobes = fit(BLACK, 8)
-    return Compared(lobes.evaluate(torch.from_numpy(sphere_directions(50))), np.zeros((50, 3)))
+    return TruthPair(lobes.evaluate(torch.from_numpy(sphere_directions(50))), np.zeros((50, 3)))
 
 
-def _bounded() -> Compared:
+def _bounded() -> TruthPair:
     found = reduced_to(maps()["radiance 1e8"], 0.01)
-    return Compared(max(found.error, 0.01), 0.01)
+    return TruthPair(max(found.error, 0.01), 0.01)
 
 
 def _lobe(sharpness: float, dtype: torch.dtype = torch.float32) -> SphericalGaussians:
@@ -80,9 +80,9 @@ def _lobe(sharpness: float, dtype: torch.dtype = torch.float32) -> SphericalGaus
     return SphericalGaussians(axes, torch.tensor([sharpness], dtype=dtype), torch.ones(1, 3, dtype=dtype))
 
 
-def _integral(sharpness: float) -> Compared:
+def _integral(sharpness: float) -> TruthPair:
     truth = 4 * np.pi if sharpness == 0 else -2 * np.pi * np.expm1(-2 * sharpness) / sharpness
-    return Compared(_lobe(sharpness).integral(), np.full(3, truth))
+    return TruthPair(_lobe(sharpness).integral(), np.full(3, truth))
 
 
 def _gradient(sharpness: float) -> tuple[Any, ...]:
@@ -95,9 +95,9 @@ def _gradient(sharpness: float) -> tuple[Any, ...]:
     return tuple(part.grad for part in parts)
 
 
-def _to_map(sharpness: float) -> Compared:
+def _to_map(sharpness: float) -> TruthPair:
     lobe = _lobe(sharpness, torch.float64)
-    return Compared(irradiance(lobe.to_environment(16, 32)), lobe.integral())
+    return TruthPair(irradiance(lobe.to_environment(16, 32)), lobe.integral())
 
 
 def _broken() -> dict[str, Callable[[], Any]]:

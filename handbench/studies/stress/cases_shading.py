@@ -17,7 +17,7 @@ from ...render.shade import reference
 from ...render.shade.shading import Model, light_features, relight, transfer
 from ...scene import Array
 from .case import Case
-from .judgement import Compared, accurate, equal, finite, finite_or
+from .judgement import TruthPair, accurate, equal, finite, finite_or
 from .scenes import NONE, distant, exact, near, sphere_directions, tensor, unit
 
 FAMILY = "shading"
@@ -29,7 +29,7 @@ _transfer_of: Callable[..., Tensor] = transfer
 
 
 @dataclass(frozen=True)
-class Setting:
+class ShadedTexels:
     """Texels in float64 as float32 holds them: normal, position and roughness, the camera's centre, the lights."""
 
     normal: Array
@@ -70,14 +70,14 @@ def _padded(directions: Array, power: Array, seen: Array) -> tuple[Array, Array,
 
 
 @cache
-def setting(count: int = 32, roughness: float = 0.3) -> Setting:
+def setting(count: int = 32, roughness: float = 0.3) -> ShadedTexels:
     """Texels on a unit sphere seen from 3 m, under `count` distant lights."""
     normal = exact(sphere_directions(TEXELS, 3))
     rng = np.random.default_rng(4)
     position = normal.astype(np.float32).astype(np.float64)
     power = rng.uniform(0.1, 1.0, (count, 3))
     lights = distant(sphere_directions(count, 5), power)
-    return Setting(normal, position, np.full(TEXELS, roughness), np.array([0.0, 0.5, 3.0]), lights)
+    return ShadedTexels(normal, position, np.full(TEXELS, roughness), np.array([0.0, 0.5, 3.0]), lights)
 
 
 def cases() -> Iterator[Case]:
@@ -131,34 +131,34 @@ def cases() -> Iterator[Case]:
     yield Case(FAMILY, "NaN roughness", finite_or(NonFinite), setting(roughness=float("nan")).features)
 
 
-def _accurate(name: str, where: Setting) -> Case:
+def _accurate(name: str, where: ShadedTexels) -> Case:
     return Case(FAMILY, name, accurate(1e-5), partial(_compare, where), JAX)
 
 
-def _compare(where: Setting, dtype: torch.dtype = torch.float32) -> Compared:
-    return Compared(where.features(dtype=dtype), where.truth())
+def _compare(where: ShadedTexels, dtype: torch.dtype = torch.float32) -> TruthPair:
+    return TruthPair(where.features(dtype=dtype), where.truth())
 
 
-def _black(where: Setting) -> Compared:
-    return Compared(where.features(), (np.zeros((3, TEXELS)),) * 2)
+def _black(where: ShadedTexels) -> TruthPair:
+    return TruthPair(where.features(), (np.zeros((3, TEXELS)),) * 2)
 
 
-def _powered(power: Array) -> Setting:
+def _powered(power: Array) -> ShadedTexels:
     return replace(setting(), lights=distant(setting().lights.directions, power))
 
 
-def _shadowed(share: float) -> Setting:
+def _shadowed(share: float) -> ShadedTexels:
     return replace(setting(), visible=np.full((32, TEXELS), share, dtype=np.float32))
 
 
-def _places() -> dict[str, Setting]:
+def _places() -> dict[str, ShadedTexels]:
     """Directions where something vanishes, on texels that face +z, so that float32 holds them exactly."""
     turn = np.linspace(0, 2 * np.pi, TEXELS, endpoint=False)
     ring = np.stack([np.cos(turn), np.sin(turn), np.zeros(TEXELS)], axis=1)
     up = np.tile([0.0, 0.0, 1.0], (TEXELS, 1))
     base = replace(setting(), normal=up, position=0.01 * ring.astype(np.float32).astype(np.float64))
 
-    def lit_from(directions: Array, centre: Array) -> Setting:
+    def lit_from(directions: Array, centre: Array) -> ShadedTexels:
         return replace(base, lights=distant(unit(directions), np.ones((len(directions), 3))), centre=centre)
 
     rise = np.array([0.0, 0.0, 1.0])
@@ -174,7 +174,7 @@ def _places() -> dict[str, Setting]:
     }
 
 
-def _near() -> dict[str, Setting]:
+def _near() -> dict[str, ShadedTexels]:
     """Near lights outside and inside the sphere of texels."""
     places = {
         "near light 1 m off": [0.0, 0, 2],
@@ -188,7 +188,7 @@ def _near() -> dict[str, Setting]:
     }
 
 
-def _gradients(where: Setting) -> tuple[Any, ...]:
+def _gradients(where: ShadedTexels) -> tuple[Any, ...]:
     """Of the sum of both features in everything that light_features is differentiable in."""
     maps = [tensor(values).requires_grad_() for values in (where.normal.T, where.position.T, where.roughness)]
     powers = [tensor(values).requires_grad_() for values in (where.lights.irradiance, where.lights.intensities)]
@@ -198,7 +198,7 @@ def _gradients(where: Setting) -> tuple[Any, ...]:
     return tuple(value.grad for value in (*maps, *powers) if value.grad is not None)
 
 
-def _roughness_gradient() -> Compared:
+def _roughness_gradient() -> TruthPair:
     where = setting()
     rough = tensor(np.linspace(0.1, 0.9, TEXELS)).requires_grad_()
     light_features(tensor(where.normal.T), tensor(where.position.T), rough, where.centre, where.lights)[
@@ -207,31 +207,31 @@ def _roughness_gradient() -> Compared:
     step = 1e-5
     ends = [rough.detach().double().numpy() + side * step for side in (1, -1)]
     up, down = (replace(where, roughness=end).truth()[1].sum(axis=0) for end in ends)
-    return Compared(rough.grad, (up - down) / (2 * step))
+    return TruthPair(rough.grad, (up - down) / (2 * step))
 
 
-def _diffuse() -> Compared:
+def _diffuse() -> TruthPair:
     where = setting(10_000)
-    return Compared(where.features("diffuse"), (where.truth()[0], np.zeros((3, TEXELS))))
+    return TruthPair(where.features("diffuse"), (where.truth()[0], np.zeros((3, TEXELS))))
 
 
-def _permuted() -> Compared:
+def _permuted() -> TruthPair:
     where = setting(10_000)
     order = np.random.default_rng(0).permutation(10_000)
     other = distant(where.lights.directions[order], where.lights.irradiance[order])
-    return Compared(replace(where, lights=other).features(), where.features())
+    return TruthPair(replace(where, lights=other).features(), where.features())
 
 
-def _split() -> Compared:
+def _split() -> TruthPair:
     one = setting(1)
     thousand = distant(np.repeat(one.lights.directions, 1000, 0), np.repeat(one.lights.irradiance / 1000, 1000, 0))
-    return Compared(replace(one, lights=thousand).features(), one.features())
+    return TruthPair(replace(one, lights=thousand).features(), one.features())
 
 
-def _transfer() -> Compared:
+def _transfer() -> TruthPair:
     where = setting(1000)
     maps = [tensor(values) for values in (where.normal.T, where.position.T, where.roughness)]
     lights = where.lights
     seen = torch.from_numpy(np.random.default_rng(0).random((1000, TEXELS)) < 0.7)
     known = _transfer_of(*maps, where.centre, lights.directions, seen)
-    return Compared(relight(known, lights.irradiance), _features(*maps, where.centre, lights, seen))
+    return TruthPair(relight(known, lights.irradiance), _features(*maps, where.centre, lights, seen))

@@ -16,7 +16,7 @@ from ...render.uv.posed import PosedSurface
 from ...render.uv.surface import Relief, mesh_normals, surface_maps
 from ...scene import Array, Mesh, Topology
 from .case import Case
-from .judgement import Compared, accurate, equal, finite, finite_or, refused
+from .judgement import TruthPair, accurate, equal, finite, finite_or, refused
 from .scenes import atlas, crumpled, flipped, globe, hand, moved, pointlike, tensor, torn
 
 FAMILY = "surface"
@@ -90,47 +90,47 @@ def _relief_gradient(mesh: Callable[[], Mesh]) -> Tensor | None:
     return displacement.grad
 
 
-def _invariant(scale: float, shift: float) -> Compared:
+def _invariant(scale: float, shift: float) -> TruthPair:
     """Refined normals do not change when everything is scaled or shifted."""
     there = _relief(lambda: moved(hand(), scale, shift), 1e-3 * scale)
-    return Compared(there, _relief(hand, 1e-3), "mean")
+    return TruthPair(there, _relief(hand, 1e-3), "mean")
 
 
-def _flat() -> Compared:
+def _flat() -> TruthPair:
     posed = PosedSurface(hand(), SIZE)
-    return Compared(posed.relief.refined(torch.zeros(1, posed.atlas.count)), posed.normal)
+    return TruthPair(posed.relief.refined(torch.zeros(1, posed.atlas.count)), posed.normal)
 
 
-def _precise() -> Compared:
+def _precise() -> TruthPair:
     mesh = hand()
     where = atlas(mesh, SIZE)
     normal = torch.from_numpy(where.interpolate(mesh_normals(mesh)).T.copy())
     position = torch.from_numpy(where.interpolate(mesh.vertices).T.copy())
     relief = Relief(position, normal / normal.norm(dim=0, keepdim=True), where)
     truth = relief.refined(_displacement(where.count, 1e-3, torch.float64))
-    return Compared(_relief(hand, 1e-3), truth, "mean")
+    return TruthPair(_relief(hand, 1e-3), truth, "mean")
 
 
-def _inverted() -> Compared:
-    return Compared(mesh_normals(flipped(hand())), -mesh_normals(hand()))
+def _inverted() -> TruthPair:
+    return TruthPair(mesh_normals(flipped(hand())), -mesh_normals(hand()))
 
 
-def _torn() -> Compared:
+def _torn() -> TruthPair:
     mesh = torn(hand())
     corners = mesh.vertices.reshape(-1, 3, 3)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return Compared(mesh_normals(mesh), np.repeat(normal, 3, axis=0), least=1.0)
+    return TruthPair(mesh_normals(mesh), np.repeat(normal, 3, axis=0), least=1.0)
 
 
-def _globe() -> Compared:
-    return Compared(mesh_normals(globe()), globe().vertices, least=1.0)
+def _globe() -> TruthPair:
+    return TruthPair(mesh_normals(globe()), globe().vertices, least=1.0)
 
 
-def _round_trip(dtype: torch.dtype) -> Compared:
+def _round_trip(dtype: torch.dtype) -> TruthPair:
     where = atlas(hand(), SIZE)
     values = torch.randn(3, where.count, generator=torch.Generator().manual_seed(0)).to(dtype)
-    return Compared(where.gather(where.scatter(values)), values)
+    return TruthPair(where.gather(where.scatter(values)), values)
 
 
 def _dilate(dtype: torch.dtype) -> Tensor:
@@ -138,10 +138,10 @@ def _dilate(dtype: torch.dtype) -> Tensor:
     return where.dilate(where.scatter(torch.ones(1, where.count, dtype=dtype)), texels=2)
 
 
-def _border() -> Compared:
+def _border() -> TruthPair:
     where = atlas(hand(), SIZE)
     filled = where.dilate(where.scatter(torch.ones(1, where.count)))
-    return Compared(filled, torch.ones(1, SIZE, SIZE))
+    return TruthPair(filled, torch.ones(1, SIZE, SIZE))
 
 
 def _atlas(topology: Callable[[], Topology], size: int = SIZE) -> Any:

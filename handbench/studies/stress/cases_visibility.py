@@ -16,7 +16,7 @@ from ...render.uv.surface import mesh_normals
 from ...scene import Array, Mesh
 from .case import Case
 from .cases_surface import MESHES
-from .judgement import Compared, equal, finite
+from .judgement import TruthPair, equal, finite
 from .scenes import NONE, WHITE, atlas, distant, flipped, globe, hand, moved, plates, torn
 
 FAMILY = "visibility"
@@ -83,9 +83,9 @@ def _stage(visible: Visible, mesh: Callable[[], Mesh]) -> Array:
     return visible(mesh(), stage_directions(24), None)
 
 
-def _none(visible: Visible) -> Compared:
+def _none(visible: Visible) -> TruthPair:
     count = atlas(globe(), SIZE).count
-    return Compared((visible(globe(), NONE, None), 1.0), (np.zeros((0, count)), 1.0))
+    return TruthPair((visible(globe(), NONE, None), 1.0), (np.zeros((0, count)), 1.0))
 
 
 def _normals(mesh: Mesh) -> Array:
@@ -97,7 +97,7 @@ def _ball() -> Mesh:
     return moved(globe(32, 64), 0.1)
 
 
-def _globe(visible: Visible, mesh: Callable[[], Mesh]) -> Compared:
+def _globe(visible: Visible, mesh: Callable[[], Mesh]) -> TruthPair:
     """On a convex surface nothing lies before a texel: a light is seen exactly where it is above the horizon.
 
     Soft visibility blends 1 m in where a texel turns away from the light, by a sigmoid of ten times the cosine.
@@ -108,19 +108,19 @@ def _globe(visible: Visible, mesh: Callable[[], Mesh]) -> Compared:
     truth = (cosine > 0).astype(np.float64)
     if visible is _soft:
         truth = np.exp(-1.0 / (1.0 + np.exp(10.0 * cosine)) / 8e-3)
-    return Compared(visible(mesh(), towards, None)[clear], truth[clear], least=1.0)
+    return TruthPair(visible(mesh(), towards, None)[clear], truth[clear], least=1.0)
 
 
-def _near(visible: Visible, mesh: Callable[[], Mesh], place: Array) -> Compared:
+def _near(visible: Visible, mesh: Callable[[], Mesh], place: Array) -> TruthPair:
     seen = visible(mesh(), NONE, place)
-    return Compared(seen, np.zeros(seen.shape), least=1.0)
+    return TruthPair(seen, np.zeros(seen.shape), least=1.0)
 
 
-def _distant_point(visible: Visible, distance: float) -> Compared:
+def _distant_point(visible: Visible, distance: float) -> TruthPair:
     towards = stage_directions(5)
     clear = np.abs(towards @ _normals(_ball()).T) > CLEAR
     near = visible(_ball(), NONE, distance * towards)
-    return Compared(near[clear], visible(_ball(), towards, None)[clear], least=1.0)
+    return TruthPair(near[clear], visible(_ball(), towards, None)[clear], least=1.0)
 
 
 def _plate_horizon(visible: Visible) -> Array:
@@ -128,7 +128,7 @@ def _plate_horizon(visible: Visible) -> Array:
     return visible(plates(), np.stack([np.cos(turn), np.zeros(8), np.sin(turn)], axis=1), None)
 
 
-def _plates(visible: Visible) -> Compared:
+def _plates(visible: Visible) -> TruthPair:
     """Straight above, the lower plate's middle is hidden by the upper one 80 mm over it, all else is seen."""
     mesh = plates(0.08)
     point = atlas(mesh, SIZE).interpolate(mesh.vertices)
@@ -138,37 +138,37 @@ def _plates(visible: Visible) -> Compared:
     seen = visible(mesh, np.array([[0.0, 1.0, 0.0]]), None)[0]
     rim = (point[:, 1] > 0.04) & (np.abs(point[:, [0, 2]]).max(axis=1) > 0.023)
     sure = (under | free) & inner & ~rim
-    return Compared(seen[sure], (~under)[sure], least=1.0)
+    return TruthPair(seen[sure], (~under)[sure], least=1.0)
 
 
-def _falloff() -> Compared:
+def _falloff() -> TruthPair:
     """Under a plate 4 mm up soft visibility is exp(-1/2)."""
     mesh = plates(0.004)
     point = atlas(mesh, SIZE).interpolate(mesh.vertices)
     under = (point[:, 1] < 0.002) & (np.abs(point[:, [0, 2]]).max(axis=1) < 0.02)
     seen = _soft(mesh, np.array([[0.0, 1.0, 0.0]]))[0][under]
-    return Compared(seen, np.full(seen.shape, np.exp(-0.5)))
+    return TruthPair(seen, np.full(seen.shape, np.exp(-0.5)))
 
 
-def _invariant(scale: float, shift: float) -> Compared:
+def _invariant(scale: float, shift: float) -> TruthPair:
     towards = stage_directions(24)
-    return Compared(_hard(moved(hand(), scale, shift), towards), _hard(hand(), towards), "mean")
+    return TruthPair(_hard(moved(hand(), scale, shift), towards), _hard(hand(), towards), "mean")
 
 
-def _soft_shifted() -> Compared:
+def _soft_shifted() -> TruthPair:
     towards = stage_directions(24)
-    return Compared(_soft(moved(hand(), 1.0, 10.0), towards), _soft(hand(), towards), "mean")
+    return TruthPair(_soft(moved(hand(), 1.0, 10.0), towards), _soft(hand(), towards), "mean")
 
 
-def _many() -> Compared:
+def _many() -> TruthPair:
     towards = stage_directions(10_000)
     mesh, some = hand(), slice(None, None, 1000)
-    return Compared(_hard(mesh, towards)[some], _hard(mesh, towards[some]))
+    return TruthPair(_hard(mesh, towards)[some], _hard(mesh, towards[some]))
 
 
-def _kept() -> Compared:
+def _kept() -> TruthPair:
     towards, place = stage_directions(40), np.array([[0.1, 0.1, 0.3]])
     posed = PosedSurface(hand(), SIZE)
     posed.visibility(distant(towards[::2], np.ones((20, 3))))
     both = posed.visibility(LightSet(towards, np.ones((40, 3)), place, WHITE[None]))
-    return Compared(both, visibility(hand(), posed.atlas, towards, place))
+    return TruthPair(both, visibility(hand(), posed.atlas, towards, place))

@@ -28,7 +28,7 @@ Norm = Literal["largest", "mean"]
 
 
 @dataclass(frozen=True)
-class Compared:
+class TruthPair:
     """What was computed and what it should be: arrays or tensors of one shape, or two tuples of such.
 
     `norm` "largest": the greatest |value - truth| / max(|truth|, `FLOOR` max |truth|, `least`), so that a wrong small
@@ -104,14 +104,14 @@ def observe(expected: Expected, run: Callable[[], Any]) -> Judgement:
 
 
 def _judge(expected: Expected, answer: Any) -> Judgement:
-    values = list(_arrays(answer.value if isinstance(answer, Compared) else answer))
+    values = list(_arrays(answer.value if isinstance(answer, TruthPair) else answer))
     count = sum(array.size for array in values)
     bad = sum(int(np.count_nonzero(~np.isfinite(array))) for array in values)
     if bad:
         return Judgement(f"{bad} of {count} values are NaN or infinite", None, False)
     if not count:
         return Judgement("an answer without values", None, False)
-    if not isinstance(answer, Compared):
+    if not isinstance(answer, TruthPair):
         told = "finite" if expected.answers else "an answer instead of an error"
         return Judgement(told, None, expected.answers and expected.within is None)
     try:

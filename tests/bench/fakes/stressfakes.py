@@ -12,7 +12,7 @@ import numpy as np
 
 from handbench.errors import HandbenchError, InputError, NonFinite, Unsupported
 from handbench.studies.stress.case import Case
-from handbench.studies.stress.judgement import Compared, Expected, accurate, equal, finite, refused
+from handbench.studies.stress.judgement import Expected, TruthPair, accurate, equal, finite, refused
 
 
 def _raises(error: Exception) -> Callable[[], Any]:
@@ -30,18 +30,18 @@ def _endless_native() -> None:
 PLANTED: tuple[tuple[str, Expected, Callable[[], Any], bool, str], ...] = (
     # name, expectation, what it does, does it pass, what the observation says
     ("finite", finite(), lambda: np.ones(3), True, "finite"),
-    ("accurate", accurate(1e-5), lambda: Compared(np.float32(1 / 3), 1 / 3), True, "relative error"),
+    ("accurate", accurate(1e-5), lambda: TruthPair(np.float32(1 / 3), 1 / 3), True, "relative error"),
     ("hangs", finite(), lambda: time.sleep(60), False, "hangs: no answer within 1 s"),
-    ("inaccurate", accurate(1e-9), lambda: Compared(np.float32(1 / 3), 1 / 3), False, "relative error"),
+    ("inaccurate", accurate(1e-9), lambda: TruthPair(np.float32(1 / 3), 1 / 3), False, "relative error"),
     ("exits", finite(), lambda: os._exit(3), False, "crashes: the process ended with exit code 3"),
     ("faults", finite(), lambda: ctypes.string_at(0), False, "crashes: the process ended with SIGSEGV"),
     ("hangs in native code", finite(), _endless_native, False, "hangs: no answer within 1 s"),
     ("silent NaN", finite(), lambda: np.array([1.0, np.nan]), False, "1 of 2 values are NaN or infinite"),
-    ("silent infinity", accurate(1.0), lambda: Compared(np.inf, 1.0), False, "1 of 1 values are NaN or infinite"),
-    ("reference with NaN", accurate(1.0), lambda: Compared(1.0, np.nan), False, "the reference itself is not finite"),
+    ("silent infinity", accurate(1.0), lambda: TruthPair(np.inf, 1.0), False, "1 of 1 values are NaN or infinite"),
+    ("reference with NaN", accurate(1.0), lambda: TruthPair(1.0, np.nan), False, "the reference itself is not finite"),
     ("no values", finite(), lambda: np.zeros(0), False, "an answer without values"),
-    ("another shape", equal(), lambda: Compared(np.ones(2), np.ones(3)), False, "shapes [(2,)] instead of [(3,)]"),
-    ("not black", equal(1.0), lambda: Compared(np.ones(2), np.zeros(2)), False, "values other than zero"),
+    ("another shape", equal(), lambda: TruthPair(np.ones(2), np.ones(3)), False, "shapes [(2,)] instead of [(3,)]"),
+    ("not black", equal(1.0), lambda: TruthPair(np.ones(2), np.zeros(2)), False, "values other than zero"),
     ("refused", refused(InputError), _raises(InputError("size 0 is too small")), True, "InputError: size 0"),
     ("refused otherwise", refused(InputError), _raises(NonFinite("it diverged")), False, "NonFinite: it diverged"),
     ("refused where it should answer", finite(), _raises(Unsupported("cannot")), False, "Unsupported: cannot"),

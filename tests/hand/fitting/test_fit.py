@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.fitting import Noise, Sitter, errors, sitter
+from benchmarks.fitting import CaptureNoise, Sitter, errors, sitter
 from benchmarks.spoiled import in_a_mirror, zoomed
 from handbench.errors import InputError, Unsupported
 from handbench.hand import hand_model
@@ -160,7 +160,7 @@ def test_arrays_that_do_not_fit_are_refused(flat: HandPicture) -> None:
 
 
 def test_noise_is_what_it_says() -> None:
-    clean = replace(sitter(np.random.default_rng(2)), noise=Noise(0, 0, 0, 0, 0, 0))
+    clean = replace(sitter(np.random.default_rng(2)), noise=CaptureNoise(0, 0, 0, 0, 0, 0))
     picture = clean.picture(np.random.default_rng(0), True)
     places = clean.camera.project(clean.hand.posed(clean.shape, clean.pose)[1][list(clean.hand.key_points)])[0]
     np.testing.assert_allclose(picture.key_points, places)

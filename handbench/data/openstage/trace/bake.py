@@ -37,7 +37,7 @@ _PLASTIC = (0.7548776662466927, 0.5698402909980532)
 _GOLDEN3 = (0.8191725133961645, 0.6710436067037893, 0.5497004779019702)
 
 
-class Posed:
+class BakedSurface:
     """A surface that is ready to be lit: rays, textures at its vertices, diffusion and the ways of light between parts.
 
     free_path (V, 3) metres, albedo (V, 3), roughness (V,) at the vertices; `sparse` the points of slow changes.
@@ -82,7 +82,7 @@ class Lit:
     bounces: int
 
 
-def lit(posed: Posed, lights: Sequence[Known], skies: Sequence[Sky | None], bounces: int, seed: int) -> Lit:
+def lit(posed: BakedSurface, lights: Sequence[Known], skies: Sequence[Sky | None], bounces: int, seed: int) -> Lit:
     """All lights on a surface; skies are the tables of those that are environments. bounces between parts: 0, 1, 2 …"""
     count = len(posed.mesh.vertices)
     shapes = {sky.density.shape for sky in skies if sky is not None}
@@ -126,7 +126,7 @@ def towards(light: Known, positions: Array) -> tuple[Array, Array | float]:
     return way / np.sqrt(squared)[:, None], 1.0 / squared
 
 
-def _single(posed: Posed, light: Known) -> tuple[Array, Array]:
+def _single(posed: BakedSurface, light: Known) -> tuple[Array, Array]:
     """What sees a directional or point light (V,) uint8, and its light that enters there (V,)."""
     positions, normals, rays = posed.mesh.vertices, posed.mesh.normals, posed.mesh.rays
     direction, falling = towards(light, positions)
@@ -151,7 +151,7 @@ class _Around:
     texels: dict[tuple[int, ...], tuple[Array, Array]]
 
 
-def _around(posed: Posed, shapes: set[tuple[int, ...]], seed: int) -> _Around:
+def _around(posed: BakedSurface, shapes: set[tuple[int, ...]], seed: int) -> _Around:
     middle = posed.sparse.middle
     rng = np.random.default_rng([seed, 1])
     u, v = ((_spread(_AROUND, _PLASTIC)[:, k] + rng.random((len(middle), 1), np.float32)) % 1.0 for k in range(2))
@@ -162,14 +162,14 @@ def _around(posed: Posed, shapes: set[tuple[int, ...]], seed: int) -> _Around:
     return _Around(hits, {shape: texels(directions, *shape) for shape in shapes})
 
 
-def _starts(posed: Posed, times: int) -> Array:
+def _starts(posed: BakedSurface, times: int) -> Array:
     """Where rays from the sparse points start, each repeated."""
     middle = posed.sparse.middle
     start = posed.mesh.vertices[middle] + posed.mesh.normals[middle] * posed.mesh.rays.epsilon
     return start.repeat(times, axis=0)
 
 
-def _environment(posed: Posed, sky: Sky, around: _Around, seed: int) -> tuple[Array, Array]:
+def _environment(posed: BakedSurface, sky: Sky, around: _Around, seed: int) -> tuple[Array, Array]:
     """Light of a map that enters each vertex (3, V), and how it turns (V, 3, 3)."""
     enters, turns = sky.unshadowed(posed.mesh.normals)
     found = sky.rest[around.texels[sky.density.shape]]
@@ -187,7 +187,7 @@ def _share(light: Array, free: Array) -> Array:
     return np.where(whole > 0, left / np.where(whole > 0, whole, 1), 1.0)
 
 
-def _aimed(posed: Posed, sky: Sky, seed: int) -> Array:
+def _aimed(posed: BakedSurface, sky: Sky, seed: int) -> Array:
     """The visible share (M, 3) of a map's bright texels."""
     middle, rays = posed.sparse.middle, posed.mesh.rays
     if not len(sky.slots):
@@ -204,7 +204,7 @@ def _aimed(posed: Posed, sky: Sky, seed: int) -> Array:
     return _share(light.reshape(len(middle), _AIMED, 3), free.reshape(len(middle), _AIMED))
 
 
-def _between(posed: Posed, around: _Around) -> csr_array:
+def _between(posed: BakedSurface, around: _Around) -> csr_array:
     """From light that leaves all vertices to light that enters the sparse points (M, V)."""
     hits, middle = around.hits, posed.sparse.middle
     hit = np.flatnonzero(hits.hit)
@@ -219,7 +219,7 @@ def _between(posed: Posed, around: _Around) -> csr_array:
     )
 
 
-def _bounced(posed: Posed, between: csr_array, channel: int, arrives: Array, bounces: int) -> Array:
+def _bounced(posed: BakedSurface, between: csr_array, channel: int, arrives: Array, bounces: int) -> Array:
     """Light (V, L) that enters after it left other parts of the surface."""
     radiosity = posed.radiosity[:, channel, None].astype(np.float32)
     total, last = np.zeros_like(arrives), arrives

@@ -17,7 +17,7 @@ from ....errors import InputError
 from ....render.see.posedmesh import PosedMesh
 from ....render.see.raster import Raster, rasterise
 from ....scene import Array, Camera, Environment, Known, Light, Mesh, known_leaves, leaves
-from .bake import Lit, Posed, lit
+from .bake import BakedSurface, Lit, lit
 from .skies import Sky, sky
 from .surface import TracedSurface, displace
 from .view import Covered, picture
@@ -63,7 +63,7 @@ class PathTracer:
     camera saw, so its picture and geometry do."""
 
     def __init__(self) -> None:
-        self._posed: Posed | None = None
+        self._posed: BakedSurface | None = None
         self._lit: Lit | None = None
         self._key: tuple[object, ...] = ()
         self._raster: Raster | None = None
@@ -116,13 +116,13 @@ class PathTracer:
             self._raster = last = rasterise(mesh, camera, side)
         return last
 
-    def _pose(self, surface: TracedSurface) -> Posed:
+    def _pose(self, surface: TracedSurface) -> BakedSurface:
         if self._posed is None or self._posed.surface is not surface:
-            self._posed, self._lit = Posed(surface), None
+            self._posed, self._lit = BakedSurface(surface), None
         return self._posed
 
     def _light(
-        self, posed: Posed, lights: tuple[Known, ...], skies: Sequence[Sky | None], bounces: int, seed: int
+        self, posed: BakedSurface, lights: tuple[Known, ...], skies: Sequence[Sky | None], bounces: int, seed: int
     ) -> Lit:
         key = (*map(id, lights), bounces, seed)
         if self._lit is None or self._key != key:

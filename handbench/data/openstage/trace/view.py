@@ -16,7 +16,7 @@ from ....light.environment import texels
 from ....render.see.raster import Raster
 from ....render.uv.surface import unit_rows
 from ....scene import Array
-from .bake import Lit, Posed, colour, to_world, towards
+from .bake import BakedSurface, Lit, colour, to_world, towards
 from .diffusion import escaped
 from .gloss import WEIGHTS, alphas, density, dot, gloss, sample
 from .skies import Sky
@@ -42,7 +42,7 @@ class Covered:
     pixels (P,): the pixels that any sample covers, flat indices; starts (P + 1,): where their samples begin.
     """
 
-    def __init__(self, posed: Posed, raster: Raster, samples: slice | Array) -> None:
+    def __init__(self, posed: BakedSurface, raster: Raster, samples: slice | Array) -> None:
         surface, faces = posed.surface, posed.faces
         self.posed, self.share = posed, 1.0 / raster.supersample**2
         pixel, face, weights = raster.pixel[samples], raster.face[samples], raster.barycentric[samples]
