@@ -7,7 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from handbench.data.predictions.folder import PredictionFolder, picture_path
+from handbench.data.predictionfiles import nested_path
+from handbench.data.predictions.folder import PredictionFolder
 from handbench.data.predictions.picture import UnfitPicture, read_picture
 from handbench.errors import InputError, Unsupported
 from handbench.method import Avatar, Method, MethodInfo, Prior, Progress, RecordedAvatar, Recording, silent
@@ -22,7 +23,7 @@ class FolderAvatar(RecordedAvatar):
         self._folder, self._suffix = folder, suffix
 
     def relight(self, query: Query) -> Prediction:
-        path = picture_path(self._folder, query.key, self._suffix)
+        path = nested_path(self._folder, query.key, self._suffix)
         if not path.exists():
             raise Unsupported("the prediction folder has no picture of this query")
         try:

@@ -27,6 +27,7 @@ import numpy as np
 
 from ..checkpoint import Checkpoints, checkpoints_in
 from ..claims import claim, holder
+from ..data.predictionfiles import flat_path
 from ..errors import Absent, Damaged, HandbenchError, StorageError
 from ..files import JSON_LIMIT, read_bytes, writing
 from ..results.record import CellRecord, CurvePoint, PriorRecord, RunRecord
@@ -133,11 +134,11 @@ class Store:
 
     def picture(self, key: str, query: str) -> Path:
         """Where a cell keeps its picture of a query."""
-        return self.folder / "predictions" / key / f"{query.replace('/', '__')}.exr"
+        return flat_path(self.folder / "predictions" / key, query)
 
     def light(self, name: str) -> Path:
         """Where the picture of a light is, by the name of its lighting or the key of its frame."""
-        return self.folder / "lights" / f"{name.replace('/', '__')}.png"
+        return flat_path(self.folder / "lights", name, ".png")
 
     def write_light(self, name: str, content: bytes) -> None:
         """Keep the picture of a light."""

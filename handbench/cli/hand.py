@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..terminal import say
 from .shared import examples, json_option, tell
+
+if TYPE_CHECKING:
+    from ..hand import HandModel
 
 _ELSEWHERE = "choose another place with --out"
 
@@ -27,12 +30,22 @@ def add(verbs: Any) -> None:
     texture.add_argument("--size", type=int, default=1024, metavar="R", help="of the texture made (default: 1024)")
     for verb in (poses, texture):
         verb.add_argument("file", type=Path, help=".npz" if verb is poses else ".png, .jpg, .avif or .exr, square")
-        verb.add_argument("--from", dest="source", default="openhand", metavar="HAND", help="default: openhand")
-        verb.add_argument("--to", dest="target", required=True, metavar="HAND", help="openhand, mano-right, mano-left")
+        verb.add_argument("--from", dest="source", metavar="HAND", help="the file's (default: the one that is shipped)")
+        verb.add_argument(
+            "--to", dest="target", required=True, metavar="HAND", help="one that 'handbench list hands' shows"
+        )
         verb.add_argument("--out", type=Path, required=True, metavar="FILE", help=".npz" if verb is poses else ".exr")
         json_option(verb)
     examples(poses, "hand poses poses.npz --to mano-right --flat-hand-mean no --out mano.npz")
     examples(texture, "hand texture skin.exr --to mano-right --size 1024 --out mano-skin.exr")
+
+
+def _hands(arguments: argparse.Namespace) -> tuple[HandModel, HandModel]:
+    """The hand model that is converted from, and the one that is converted to."""
+    from ..hand import hand_model
+
+    source = hand_model() if arguments.source is None else hand_model(arguments.source)
+    return source, hand_model(arguments.target)
 
 
 def _poses(arguments: argparse.Namespace) -> int:
@@ -40,11 +53,10 @@ def _poses(arguments: argparse.Namespace) -> int:
 
     from ..data.poses import read_poses, write_poses
     from ..files import check_file
-    from ..hand import hand_model
     from ..hand.conversion import converted
 
     check_file(arguments.out, _ELSEWHERE)
-    source, target = hand_model(arguments.source), hand_model(arguments.target)
+    source, target = _hands(arguments)
     flat = None if arguments.flat_hand_mean is None else arguments.flat_hand_mean == "yes"
     shape, made = None, []
     for posed in read_poses(arguments.file, source, flat):
@@ -74,7 +86,6 @@ def _texture(arguments: argparse.Namespace) -> int:
     from ..data.pictures import read_picture
     from ..errors import InputError
     from ..files import check_file
-    from ..hand import hand_model
     from ..hand.textures import converted_texture
 
     check_file(arguments.out, _ELSEWHERE)
@@ -82,7 +93,7 @@ def _texture(arguments: argparse.Namespace) -> int:
         raise InputError(f"--out is {arguments.out}; a texture is written as .exr, linear")
     if not 1 <= arguments.size <= 8192:
         raise InputError(f"--size is {arguments.size}; give 1 to 8192")
-    source, target = hand_model(arguments.source), hand_model(arguments.target)
+    source, target = _hands(arguments)
     texture = np.moveaxis(read_picture(arguments.file).image, -1, 0)
     found = converted_texture(texture, source, target, arguments.size)
     write_exr(arguments.out, rgb(np.moveaxis(found.texture, 0, -1), dtype=np.float32))

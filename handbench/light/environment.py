@@ -9,12 +9,16 @@ Radiance is constant within a texel.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from ..errors import InputError
 from ..scene import Array, Environment
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 
 def directions(height: int, width: int, rows: slice = slice(None)) -> Array:
@@ -31,6 +35,13 @@ def places(direction: Array, height: int, width: int) -> tuple[Array, Array]:
     x, y, z = np.moveaxis(direction, -1, 0)
     row = np.arccos(np.clip(y, -1.0, 1.0)) / np.pi * height
     return row, np.arctan2(x, -z) / (2.0 * np.pi) % 1.0 * width
+
+
+def places_of(direction: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """`places` of a tensor, where it lies; differentiable but at the poles."""
+    x, y, z = direction.unbind(-1)
+    row = y.clamp(-1.0, 1.0).acos() / np.pi * height
+    return row, x.atan2(-z) / (2.0 * np.pi) % 1.0 * width
 
 
 def texels(direction: Array, height: int, width: int) -> tuple[Array, Array]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 from torch import Tensor
 
-from handbench.light.environment import directions, texels
+from handbench.light.environment import directions, places_of, texels
 
 _ALIKE = 12.0
 """How fast surfaces whose normals differ stop telling of each other's shadow: half at 19 degrees."""
@@ -44,10 +42,9 @@ class Shadowing:
 
     def _by_normal(self, normal: Tensor) -> Tensor:
         """The table's values (...) at unit normals (..., 3), between its cells."""
-        x, y, z = normal.unbind(-1)
-        across = torch.atan2(x, -z) / (2.0 * math.pi) % 1.0 * _SIZE[1] + 1.0
-        down = torch.acos(y.clamp(-1.0, 1.0)) / math.pi
-        place = torch.stack([2.0 * across / (_SIZE[1] + 2.0) - 1.0, 2.0 * down - 1.0], dim=-1).reshape(1, 1, -1, 2)
+        row, column = places_of(normal, *_SIZE)
+        across, down = 2.0 * (column + 1.0) / (_SIZE[1] + 2.0) - 1.0, 2.0 * row / _SIZE[0] - 1.0
+        place = torch.stack([across, down], dim=-1).reshape(1, 1, -1, 2)
         found = torch.nn.functional.grid_sample(
             self._table[None, None], place, padding_mode="border", align_corners=False
         )

@@ -6,10 +6,21 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+import torch
 
 from handbench.data.environments import read_environment
 from handbench.errors import InputError
-from handbench.light.environment import _overlaps, directions, resize, rotate, solid_angles, texels, to_directional
+from handbench.light.environment import (
+    _overlaps,
+    directions,
+    places,
+    places_of,
+    resize,
+    rotate,
+    solid_angles,
+    texels,
+    to_directional,
+)
 from handbench.light.stage import stage_directions
 from handbench.scene import Environment
 
@@ -71,6 +82,13 @@ def test_resize_by_whole_factors_is_the_weighted_mean() -> None:
 def test_resize_of_a_constant_is_the_constant() -> None:
     small = resize(Environment("grey", np.full((31, 57, 3), 0.7)), 16, 32)
     assert np.allclose(small.radiance, 0.7, rtol=1e-6)
+
+
+def test_a_tensor_points_where_an_array_does() -> None:
+    towards = np.concatenate([directions(9, 14).reshape(-1, 3), np.eye(3), -np.eye(3)])
+    of_tensor = places_of(torch.from_numpy(towards), 6, 11)
+    for mine, truth in zip(of_tensor, places(towards, 6, 11), strict=True):
+        np.testing.assert_allclose(mine.numpy(), truth, rtol=0, atol=1e-12)
 
 
 def test_texels_are_summed_in_one_order() -> None:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...files import whole
+from ...hand.known import SHIPPED
+from ...registry import HANDS
 from ..codes import opened_codes
 from ..pictures import SUFFIXES
 from ..picturesize import has_alpha, picture_size
@@ -99,7 +101,8 @@ def _hand(poses: Path) -> list[str]:
     except (zipfile.BadZipFile, OSError, NotImplementedError) as error:
         raise InputError(f"pose file {first} is damaged or no .npz ({error}); write it anew") from error
     if "hand_pose.npy" not in names:
-        return ['hand = "openhand"             # whose poses these are: openhand, mano-right, mano-left']
+        hand = f'hand = "{SHIPPED}"'
+        return [f"{hand:<30}# whose poses these are: {', '.join(HANDS.entries())}"]
     return [
         'hand = "mano-right"           # or mano-left',
         "# Say which it is: true if hand_pose is whole, false if it is relative to MANO's mean pose",

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...scene import Query
+from ..predictionfiles import nested_path
 from .manifest import COLOUR, MANIFEST, SUFFIXES, TIMES, DeclaredTimes, PredictionManifest, read_manifest, read_times
 from .picture import UnfitPicture, read_picture, what_is_not_finite
 from .problems import Problems, Unfit
@@ -43,13 +44,6 @@ class PredictionFolder:
     digest: str
 
 
-def picture_path(folder: Path, key: str, suffix: str = ".exr") -> Path:
-    """Where the picture of a query is; `InputError` for a key that would lead out of the folder."""
-    if ".." in Path(key).parts or Path(key).is_absolute():
-        raise InputError(f"query {key!r} would lead out of {folder}; the capture must name its frames otherwise")
-    return folder / f"{key}{suffix}"
-
-
 def read_folder(folder: Path, asked: Asked, allow_missing: bool = False) -> PredictionFolder:
     """Check a folder. Raises `Unfit` with all that is wrong, and `InputError` if there is no such folder.
 
@@ -67,7 +61,7 @@ def read_folder(folder: Path, asked: Asked, allow_missing: bool = False) -> Pred
         if (folder / name).is_file():
             digest.update((folder / name).read_bytes() + b"\0")
     for key, query in asked.queries.items():
-        path = picture_path(folder, key, suffix)
+        path = nested_path(folder, key, suffix)
         if key not in present:
             if key not in linked and not allow_missing:
                 problems.add("missing", f"{key}{suffix}")

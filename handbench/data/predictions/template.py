@@ -42,7 +42,8 @@ from ...scene import (
     Unknown,
 )
 from ..exr import rgb, write_exr
-from .folder import ASKED, Asked, picture_path
+from ..predictionfiles import nested_path
+from .folder import ASKED, Asked
 from .manifest import DISPLAYED, MANIFEST, METHOD_NAME
 
 _CONVENTIONS = (
@@ -179,7 +180,7 @@ def write_template(
             if images:
                 shown = {frame.key: (seen, frame) for seen in (*enrolments, training) for frame in seen.frames}
                 for i, (seen, frame) in enumerate(shown.values()):
-                    _write_observation(picture_path(part / ASKED / "images", frame.key), seen.observe(frame))
+                    _write_observation(nested_path(part / ASKED / "images", frame.key), seen.observe(frame))
                     progress(i + 1, len(shown))
             queries = {
                 "conventions": _CONVENTIONS,
