@@ -10,20 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.store import Store
+from handbench.results.measured import CellTimes, Laws, ScoredFrame, Spread
+from handbench.results.origin import Hardware, Provenance
 from handbench.results.record import (
     CaptureRecord,
     CellRecord,
-    CellTimes,
     ColumnRecord,
-    Hardware,
-    Laws,
     MethodRecord,
     MetricRecord,
     ProtocolRecord,
-    Provenance,
     RunRecord,
-    ScoredFrame,
-    Spread,
 )
 
 from .measure import Measurement, summary

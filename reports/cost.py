@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from handbench.results.record import CellRecord, Cost, Spread
+from handbench.results.measured import Cost, Spread
+from handbench.results.record import CellRecord
 from handbench.scene import TimedKind
 
 

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from handbench.results.record import CurvePoint
+from handbench.results.measured import CurvePoint
 
 from .run import Run
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from handbench.errors import Damaged, InputError
-from handbench.results.record import CellRecord, ScoredFrame
+from handbench.results.measured import ScoredFrame
+from handbench.results.record import CellRecord
 from handbench.scene import Array
 from handbench.scene.colour import srgb
 

@@ -2,43 +2,39 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import TypeAlias
 
-from handbench.results.statistics import Difference
-
-from .model import Aggregate, MetricColumn, Row, Table
+from .latexcells import (
+    SUNK,
+    TINY,
+    CellText,
+    column_head,
+    difference_bounds,
+    interval_text,
+    row_name,
+    starred_difference,
+    text_width,
+    value_text,
+)
+from .model import MetricColumn, Row, Table
 from .printed import (
     COST_TITLES,
-    UNEQUAL,
     UNEQUAL_NOTE,
-    between,
-    bounds,
     cost_texts,
     costs_title,
     letter,
-    marks,
-    number,
-    signed,
 )
-from .safe import latex, latex_header, one_line
+from .safe import latex, one_line
 from .style import PLAIN, Style
 from .texletters import GUARD
 
-_Text: TypeAlias = Callable[[Aggregate, MetricColumn], str]
 _STARRED = r"* $p<0.05$, ** $p<0.01$, *** $p<0.001$, corrected over the methods of a column (Holm)."
-_STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
-_OPEN, _SUNK = r"$\circ$", r"{\tiny $\bigtriangledown$}"
 _POINT = 72.27  # in an inch
-_NEQ = latex(UNEQUAL)
 _TALL = 520.0  # points that a float may be high: a page of article has 550
 _LEADING = 10.5  # from line to line at \footnotesize, with a share of the rules
 _GAP = 8.0  # points between columns: twice \tabcolsep
-_TINY = 0.72  # of the width of \footnotesize
-_SMALL = re.compile(r"\{\\tiny (.*?)\}|\\textsuperscript\{(.*?)\}")
 
 
 @dataclass(frozen=True)
@@ -46,8 +42,8 @@ class _Block:
     """What stands in the cells of a float: a text, and one below it in small print, or None for a single line."""
 
     rows: tuple[Row, ...]
-    text: _Text
-    below: _Text | None = None
+    text: CellText
+    below: CellText | None = None
 
 
 def render_latex(table: Table, style: Style = PLAIN) -> str:
@@ -60,14 +56,14 @@ def render_latex(table: Table, style: Style = PLAIN) -> str:
     notes = _notes(table)
     table = _named(style.rounded(table))
     title = latex(style.caption) if style.caption else latex(table.title)
-    values = _Block(table.rows, _cell(style), _interval if style.intervals else None)
+    values = _Block(table.rows, value_text(style), interval_text if style.intervals else None)
     tabulars = [*_tabulars(table, values, style), *(_costs(table, style) if style.times else ())]
     floats = list(_floats(style, title, _caption(table, title, style), style.label, tabulars, notes))
     if table.baseline:
         measured = tuple(row for row in table.compared if row.kind == "method")
         apart_from = f"{title}: differences to {latex(table.baseline)}"
         caption = f"{apart_from}, paired by frame and seed. {_STARRED}"
-        apart = _Block(measured, _difference, _apart if style.intervals else None)
+        apart = _Block(measured, starred_difference, difference_bounds if style.intervals else None)
         label = f"{style.label}-differences" if style.label else ""
         limits = [latex(limit) for limit in table.limits]
         floats += _floats(style, apart_from, caption, label, list(_tabulars(table, apart, style)), limits)
@@ -98,7 +94,7 @@ def _notes(table: Table) -> list[str]:
     if table.unclaimed:
         notes.append(r"\textsuperscript{$\circ$}\,holds for these hands, cannot be claimed for others (paired test).")
     if table.sunk:
-        notes.append(f"\\textsuperscript{{{_SUNK}}}\\,not better than the floor, so never best.")
+        notes.append(f"\\textsuperscript{{{SUNK}}}\\,not better than the floor, so never best.")
     return notes + ([f"{latex(UNEQUAL_NOTE)}."] if table.unequal else [])
 
 
@@ -123,7 +119,7 @@ def _floats(
 
 def _lines_of(text: str, style: Style) -> float:
     """About how many lines a text fills at \\footnotesize; a caption is larger."""
-    return _points(text) / (0.8 * style.inches * _POINT)
+    return text_width(text) / (0.8 * style.inches * _POINT)
 
 
 def _high(tabular: str) -> float:
@@ -158,7 +154,7 @@ def _tabulars(table: Table, block: _Block, style: Style) -> Iterator[str]:
             rules.append(f"\\cmidrule(lr){{{start}-{start + size - 1}}}")
             start += size
         top = [f"    & {' & '.join(heads)} \\\\", f"    {' '.join(rules)}"]
-        top.append(f"    Method & {' & '.join(_head(table.columns[index]) for index in indices)} \\\\")
+        top.append(f"    Method & {' & '.join(column_head(table.columns[index]) for index in indices)} \\\\")
         yield _tabular(len(indices), top, _lines(table, block, indices))
 
 
@@ -174,7 +170,7 @@ def _lines(table: Table, block: _Block, indices: Sequence[int]) -> Iterator[str]
         for row in (row for row in block.rows if row.kind == kind):
             if kind == "published" and all(row.cells[i].value is None for i in indices):
                 continue
-            lines.append(_line(_name(row), [block.text(row.cells[i], table.columns[i]) for i in indices]))
+            lines.append(_line(row_name(row), [block.text(row.cells[i], table.columns[i]) for i in indices]))
             small = [block.below(row.cells[i], table.columns[i]) for i in indices] if block.below else []
             if any(small):
                 lines += [
@@ -192,10 +188,10 @@ def _line(name: str, cells: Sequence[str]) -> str:
 def _costs(table: Table, style: Style) -> Iterator[str]:
     """What methods cost, in one tabular or several that fit the width."""
     texts = [list(map(latex, cost_texts(row, table.timed_kind))) for row in table.computed]
-    name = max((_points(_name(row)) for row in table.computed), default=0.0) + _GAP
+    name = max((text_width(row_name(row)) for row in table.computed), default=0.0) + _GAP
     heads = [_stacked(title) for title in COST_TITLES]
     widths = [
-        max(map(_points, (*title.split(), *(row[i] for row in texts)))) + _GAP for i, title in enumerate(COST_TITLES)
+        max(map(text_width, (*title.split(), *(row[i] for row in texts)))) + _GAP for i, title in enumerate(COST_TITLES)
     ]
     start = 0
     while start < len(heads):
@@ -207,7 +203,7 @@ def _costs(table: Table, style: Style) -> Iterator[str]:
             f"    \\cmidrule(lr){{2-{stop - start + 1}}}",
             _line("Method", heads[start:stop]),
         ]
-        rows = [_line(_name(row), each[start:stop]) for row, each in zip(table.computed, texts, strict=True)]
+        rows = [_line(row_name(row), each[start:stop]) for row, each in zip(table.computed, texts, strict=True)]
         yield _tabular(stop - start, top, ["\n".join(rows)])
         start = stop
 
@@ -220,13 +216,13 @@ def _stacked(title: str) -> str:
 
 def _folded(table: Table, block: _Block, points: float) -> Iterator[list[int]]:
     """Consecutive columns that fit the width together; a group is cut only if it alone is wider."""
-    name = max((_points(_name(row)) for row in block.rows), default=0.0) + _GAP
+    name = max((text_width(row_name(row)) for row in block.rows), default=0.0) + _GAP
     widths = [_column_points(block, index, column) for index, column in enumerate(table.columns)]
 
     def fits(indices: Sequence[int]) -> bool:
         groups = dict.fromkeys(table.columns[index].group for index in indices)
         members = {group: [widths[i] for i in indices if table.columns[i].group == group] for group in groups}
-        needed = (max(_points(latex(group.title)) + _GAP, sum(each)) for group, each in members.items())
+        needed = (max(text_width(latex(group.title)) + _GAP, sum(each)) for group, each in members.items())
         return name + sum(needed) <= points
 
     batch: list[int] = []
@@ -245,29 +241,10 @@ def _folded(table: Table, block: _Block, points: float) -> Iterator[list[int]]:
 
 
 def _column_points(block: _Block, index: int, column: MetricColumn) -> float:
-    head = max(map(_points, latex(f"{column.metric.title} {column.metric.arrow}").split(" (")))
-    cells = [_points(block.text(row.cells[index], column)) for row in block.rows]
-    small = [_TINY * _points(block.below(row.cells[index], column)) for row in block.rows] if block.below else []
+    head = max(map(text_width, latex(f"{column.metric.title} {column.metric.arrow}").split(" (")))
+    cells = [text_width(block.text(row.cells[index], column)) for row in block.rows]
+    small = [TINY * text_width(block.below(row.cells[index], column)) for row in block.rows] if block.below else []
     return max([head, *cells, *small]) + _GAP
-
-
-def _points(text: str) -> float:
-    """About how wide a text of LaTeX is at \\footnotesize: its commands have no width of their own."""
-    small = "".join(found for groups in _SMALL.findall(text) for found in groups)
-    return _bare(_SMALL.sub("", text)) + _TINY * _bare(small)
-
-
-def _bare(text: str) -> float:
-    shown = re.sub(r"\\hbletter\{(.*?)\}\{.*?\}", r"U+\1", text)
-    shown = re.sub(r"\\[A-Za-z]+|[{}$\\]", "", shown)
-    return sum(2.6 if sign in " .,;:'|!()[]ijlt" else 6.2 if sign.isupper() else 4.4 for sign in shown)
-
-
-def _head(column: MetricColumn) -> str:
-    """The metric's own header; what stands in brackets goes to a second line, to save width."""
-    metric = column.metric
-    head, bracket, rest = latex_header(metric.latex, f"{metric.title} {metric.arrow}").partition(" (")
-    return f"\\shortstack[r]{{{head}\\\\({rest}}}" if bracket else head
 
 
 def _named(table: Table) -> Table:
@@ -279,47 +256,3 @@ def _named(table: Table) -> Table:
 
 def _enrolments(table: Table) -> list[str]:
     return list(dict.fromkeys(row.enrolment for row in table.rows if row.kind == "method"))
-
-
-def _name(row: Row) -> str:
-    title = latex(row.title + (row.suffix if row.kind == "published" else ""))
-    return f"{title}\\,{{\\tiny {latex(row.enrolment)}}}" if row.enrolment else title
-
-
-def _cell(style: Style) -> _Text:
-    def text(cell: Aggregate, column: MetricColumn) -> str:
-        value = latex(number(cell.value, column.metric.decimals))
-        value = {0: value, 1: f"\\textbf{{{value}}}", 2: f"\\underline{{{value}}}"}[cell.rank]
-        value += _beside(_OPEN * (cell.rank > 0 and not cell.claimed) + _SUNK * cell.sunk + _NEQ * cell.unequal)
-        if style.seeds and cell.spread is not None:
-            value += f"\\,{{\\tiny $\\pm$ {latex(number(cell.spread, column.metric.decimals))}}}"
-        gap = "" if cell.complete else f"\\,{{\\tiny {cell.covered}/{cell.expected}}}"
-        return value + gap + (f"\\textsuperscript{{{marks(cell)}}}" if cell.notes else "")
-
-    return text
-
-
-def _interval(cell: Aggregate, column: MetricColumn) -> str:
-    return latex(between(cell, column.metric.decimals))
-
-
-def _difference(cell: Aggregate, column: MetricColumn) -> str:
-    """The difference with the stars of its corrected p-value."""
-    apart = cell.difference
-    if apart is None:
-        return "--"
-    return latex(signed(apart.value, column.metric.decimals)) + stars(apart) + _beside(_NEQ * cell.across)
-
-
-def stars(apart: Difference) -> str:
-    """The stars of a difference."""
-    return _beside(next((each for p, each in _STARS if apart.adjusted is not None and apart.adjusted < p), ""))
-
-
-def _beside(mark: str) -> str:
-    """A mark that takes no width, so that values stay below each other."""
-    return f"\\rlap{{\\textsuperscript{{{mark}}}}}" if mark else ""
-
-
-def _apart(cell: Aggregate, column: MetricColumn) -> str:
-    return "" if cell.difference is None else latex(bounds(cell.difference, column.metric.decimals))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from handbench.results.origin import Hardware
 from handbench.results.reading import Run, merged, read_plan, read_run
-from handbench.results.record import Hardware
 
 from .model import counted
 

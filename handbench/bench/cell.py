@@ -16,7 +16,7 @@ from ..errors import Changed, Unsupported
 from ..method import Avatar, Method, MethodInfo, Progress
 from ..recording import Recording
 from ..results.laws import measured
-from ..results.record import CellTimes, Cost, CurvePoint, Laws, ScoredFrame, SkippedShare
+from ..results.measured import CellTimes, Cost, CurvePoint, Laws, ScoredFrame, SkippedShare
 from ..scene import Frame, Prediction
 from ..skips import tallied
 from . import given

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..method import Method
+from ..results.origin import Provenance
 from ..results.record import (
     CaptureRecord,
     CellRecord,
@@ -15,7 +16,6 @@ from ..results.record import (
     MetricRecord,
     ProtocolRecord,
     ProtocolVersion,
-    Provenance,
     PublishedRecord,
     RunRecord,
 )

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import Unsupported
 from ..evenly import evenly
 from ..method import Avatar, MethodInfo, PosedAvatar, RecordedAvatar
-from ..results.record import Spread
+from ..results.measured import Spread
 from ..scene import Frame, Light, Prediction, Query, TimedKind, Unknown, kind_of, leaves
 from .failure import Failure
 from .lending import answered

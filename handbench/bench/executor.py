@@ -22,7 +22,8 @@ from ..memory import keep_freed_memory
 from ..method import Method, Progress
 from ..metricspec import MetricSpec
 from ..registry import CAPTURES, METRICS, Entry
-from ..results.record import CellRecord, Provenance
+from ..results.origin import Provenance
+from ..results.record import CellRecord
 from .opening import open_data, select
 from .plan import Cell, ChangesOf, Plan, make_method, make_plan, method_entries, refusals, with_changes
 from .progress import Steps

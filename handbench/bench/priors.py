@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..files import writing
 from ..method import Method, Prior, Progress, Recording
 from ..render.see.shadowstore import default_folder, kept_on_disk
-from ..results.record import CurvePoint
+from ..results.measured import CurvePoint
 from .metering import metered
 from .store import Store
 

@@ -18,7 +18,7 @@ from .. import __version__
 from ..device import device_name
 from ..installed import owner_version, version
 from ..memory import physical_memory
-from ..results.record import Git, Hardware, Plugin, Provenance
+from ..results.origin import Git, Hardware, Plugin, Provenance
 
 
 def provenance(command: list[str], targets: Iterable[str] = ()) -> Provenance:

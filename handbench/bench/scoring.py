@@ -12,8 +12,8 @@ import numpy as np
 
 from ..data.inspection import SKIN, median_of_hand
 from ..errors import BadFrame
+from ..results.measured import ScoredFrame
 from ..results.oldrecord import NOT_FINITE
-from ..results.record import ScoredFrame
 from ..scene import Frame, Prediction
 from .failure import Failure, failure
 from .reader import CaptureReader

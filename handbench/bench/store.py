@@ -30,7 +30,8 @@ from ..claims import claim, holder
 from ..data.predictionfiles import flat_path
 from ..errors import Absent, Damaged, HandbenchError, StorageError
 from ..files import JSON_LIMIT, read_bytes, writing
-from ..results.record import CellRecord, CurvePoint, PriorRecord, RunRecord
+from ..results.measured import CurvePoint
+from ..results.record import CellRecord, PriorRecord, RunRecord
 from ..results.recordfile import dump, parse
 from ..scene import Prediction
 from .metering import Meter

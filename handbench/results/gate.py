@@ -16,9 +16,11 @@ import numpy as np
 
 from ..errors import InputError, unknown_name
 from ..scene import TIMED_KINDS
+from .measured import Spread
+from .origin import Hardware
 from .outcome import Check, Outcome, Verdict
 from .reading import Run, mismatch
-from .record import UNEQUAL, CellRecord, Hardware, MetricRecord, Spread
+from .record import UNEQUAL, CellRecord, MetricRecord
 from .statistics import aggregate, differences, time_ratio
 from .values import Values, values_of
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..method import Avatar, PosedAvatar
 from ..scene import Array, Frame, Group, Light, Query
-from .record import Laws
+from .measured import Laws
 
 LINEAR = 1e-4  # greatest deviation of a method that is declared linear: what float32 sums in another order may leave
 SCALES = (0.7, 1.9)  # what the lights of a pair are scaled by

@@ -22,9 +22,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..scene import Array
+from .fieldtypes import at, sql_at
 from .reading import Run, completed
 from .record import CellRecord, MethodRecord, RunRecord
-from .schema import at, sql_at
 
 # Columns of the views by name, each the way to it in a record.
 _RUNS = {

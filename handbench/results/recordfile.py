@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import Damaged, InputError
-from . import record as records
+from . import measured, origin, record
+from .fieldtypes import documented
 from .oldrecord import UPGRADES
 from .record import SCHEMA, CellRecord, PriorRecord, RunRecord
-from .schema import Misfit, documented, plain, read
+from .schema import Misfit, plain, read
 
 _Record = TypeVar("_Record", RunRecord, CellRecord, PriorRecord)
 
@@ -79,9 +80,13 @@ def _documentation() -> Iterator[str]:
 
 
 def _mentioned() -> list[type]:
-    """The records, then their parts, in the order of their module."""
-    of_module = (each for each in vars(records).values() if isinstance(each, type) and is_dataclass(each))
-    parts = [each for each in of_module if each.__module__ == records.__name__]
+    """The records, then their parts, in the order of their modules."""
+    parts = [
+        each
+        for module in (origin, record, measured)
+        for each in vars(module).values()
+        if isinstance(each, type) and is_dataclass(each) and each.__module__ == module.__name__
+    ]
     return [*UPGRADES, *(part for part in parts if part not in UPGRADES)]
 
 

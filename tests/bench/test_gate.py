@@ -15,9 +15,9 @@ import pytest
 from handbench.cli import main
 from handbench.errors import InputError
 from handbench.results.gate import Quality, gate
+from handbench.results.measured import Cost
 from handbench.results.outcome import Check, Outcome, Verdict
 from handbench.results.reading import Run, read_run
-from handbench.results.record import Cost
 
 sys.path.append(str(Path(__file__).parent / "fakes"))
 from runfakes import CPU, plain, write_run

@@ -5,7 +5,7 @@ import subprocess
 
 from handbench.bench.progress import steps
 from handbench.bench.provenance import git_state, provenance
-from handbench.results.record import Git, Plugin
+from handbench.results.origin import Git, Plugin
 
 
 def git(folder, *arguments):

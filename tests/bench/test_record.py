@@ -24,9 +24,10 @@ from handbench.reports.figures import chosen
 from handbench.reports.page import PageContent, render_page
 from handbench.reports.pareto import draw, plots, told
 from handbench.results.gate import Quality, gate
+from handbench.results.measured import CellTimes, CurvePoint, ScoredFrame, Spread
 from handbench.results.query import ResultsDatabase
 from handbench.results.reading import read_run
-from handbench.results.record import CellRecord, CellTimes, CurvePoint, MethodRecord, ScoredFrame, Spread
+from handbench.results.record import CellRecord, MethodRecord
 from handbench.results.recordfile import documentation, dump, parse, sealed
 from handbench.results.schema import plain
 from handbench.results.values import values_of

@@ -21,7 +21,8 @@ from handbench.bench.store import Store
 from handbench.data.exr import read_exr
 from handbench.errors import InputError
 from handbench.reports import table
-from handbench.results.record import CurvePoint, PublishedRecord
+from handbench.results.measured import CurvePoint
+from handbench.results.record import PublishedRecord
 from handbench.scene import Directional, Environment, Group, leaves
 from handbench.skips import note
 

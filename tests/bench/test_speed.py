@@ -13,7 +13,7 @@ from handbench.light.environment import solid_angles
 from handbench.light.lightset import LightSet
 from handbench.light.skybox import skybox
 from handbench.render.shade.shading import light_features
-from handbench.results.record import Provenance
+from handbench.results.origin import Provenance
 from handbench.scene import Environment
 from handbench.studies.speed import record, study, truth
 from handbench.studies.speed.competitors import Naive, bitmap

@@ -15,7 +15,8 @@ import pytest
 from handbench.bench.run import run
 from handbench.bench.store import Store
 from handbench.errors import InputError, StorageError
-from handbench.results.record import SCHEMA, CellRecord, CellTimes, MethodRecord, ScoredFrame
+from handbench.results.measured import CellTimes, ScoredFrame
+from handbench.results.record import SCHEMA, CellRecord, MethodRecord
 from handbench.scene import Prediction
 
 

@@ -23,19 +23,16 @@ from handbench.reports.page import PageContent, render_page
 from handbench.reports.pareto import plots
 from handbench.reports.run import Run, read_run
 from handbench.reports.viewer import viewer
+from handbench.results.measured import CellTimes, ScoredFrame, Spread
+from handbench.results.origin import Git, Provenance
 from handbench.results.record import (
     CaptureRecord,
     CellRecord,
-    CellTimes,
     ColumnRecord,
-    Git,
     MethodRecord,
     MetricRecord,
     ProtocolRecord,
-    Provenance,
     RunRecord,
-    ScoredFrame,
-    Spread,
 )
 
 SIZE = 72

@@ -26,7 +26,7 @@ from handbench.reports.figures import Panel, Tile, chosen, detail, panels
 from handbench.reports.pictures import grid
 from handbench.reports.printed import moment
 from handbench.reports.run import machine, read_run
-from handbench.results.record import Hardware
+from handbench.results.origin import Hardware
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 

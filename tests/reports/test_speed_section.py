@@ -20,7 +20,7 @@ from handbench.reports.speed import (
     speed_section,
     write_speed_report,
 )
-from handbench.results.record import Hardware, Provenance
+from handbench.results.origin import Hardware, Provenance
 from handbench.results.recordfile import sealed
 from handbench.studies.record import SCHEMA
 from handbench.studies.speed.equal_error import TimeAt, table

@@ -9,7 +9,7 @@ import pytest
 from handbench.errors import InputError
 from handbench.reports import write_reports
 from handbench.reports.stress import stress_section
-from handbench.results.record import Hardware, Provenance
+from handbench.results.origin import Hardware, Provenance
 from handbench.results.schema import plain
 from handbench.studies.stress.case import Result
 from handbench.studies.stress.record import StressRecord, read_record, write_record

@@ -18,8 +18,8 @@ from handbench.reports.model import Aggregate, Row, Table
 from handbench.reports.pareto import plots
 from handbench.reports.pareto import told as told_plot
 from handbench.reports.printed import MEMORY_TITLES, letter, memory_texts, number, signed
+from handbench.results.measured import Cost
 from handbench.results.reading import read_run
-from handbench.results.record import Cost
 
 sys.path.append(str(Path(__file__).parents[1] / "bench" / "fakes"))
 from runfakes import plain, write_run

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from ...errors import InputError
-from ...results.schema import at
+from ...results.fieldtypes import at
 from .evidence import Evidence
 
 _TOLD = ("version", "python", "packages", "os", "device", "command", "started")  # git is none of an installed copy

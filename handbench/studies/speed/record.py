@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import linear_regression
 from typing import Any, Literal
 
-from ...results.record import Provenance
+from ...results.origin import Provenance
 from ...results.schema import told
 from ..record import read_study, write_study
 from .equal_error import RendererTimes

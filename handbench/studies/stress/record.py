@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...results.record import Provenance
+from ...results.origin import Provenance
 from ...results.schema import told
 from ..record import read_study, write_study
 from .case import Result
