@@ -166,7 +166,7 @@ def test_links_are_followed(files, tmp_path, capsys) -> None:
         (["p.exr", "t.exr", "--mask", "small.exr"], "small.exr is 40x30 pixels and t.exr is 40x48"),
         (["p.exr", "t.exr", "--only", "pnsr"], "unknown metric 'pnsr'; did you mean 'psnr'"),
         (["pred", "true"], "truth folder true lacks f0, f2; pictures of equal names are compared"),
-        (["nan.npy", "t.exr"], "nan.npy holds 5760 values that are NaN or infinite"),
+        (["nan.npy", "t.exr"], "nan.npy holds 5760 values that are NaN, infinite or beyond 32-bit floats"),
         (["empty", "true"], "folder empty holds no pictures"),
     ],
 )

@@ -103,7 +103,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     if arguments.sequence:
         from ..metrics.geometry.flicker import FLICKER
 
-        found.append(table.Line(FLICKER, {"": _flicker(kept, failures)}))
+        found.append(table.MetricScores(FLICKER, {"": _flicker(kept, failures)}))
     told_of = list(remarks.values())
 
     if arguments.json:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,10 +23,9 @@ def test_the_peak_is_of_the_block_and_not_of_what_was_before() -> None:
     np.ones(40 << 20, np.uint8).sum()  # 40 MiB, gone again
     with metered() as little:
         pass
-    with metered() as much:
-        held = np.ones(100 << 20, np.uint8)
-        held.sum()
-        del held
+    with metered() as much, mmap.mmap(-1, 100 << 20) as held:  # new to the process, unlike memory freed and kept
+        for _ in range(100):
+            held.write(bytes(1 << 20))
     with metered() as after:
         pass
     assert little.peak_mb is not None and much.peak_mb is not None and after.peak_mb is not None

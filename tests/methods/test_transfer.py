@@ -58,7 +58,7 @@ def test_what_a_texel_sees_turns_with_the_hand(training: Recording) -> None:
     atlas = Atlas.of(mesh.topology, 64)
     direction = np.array([0.48, 0.6, 0.64])
     found = [
-        transfer.Frames.of(PosedMesh(one), atlas, 3).light(light_samples(Directional(towards, (1.0, 1.0, 1.0))))
+        transfer.TexelFrames.of(PosedMesh(one), atlas, 3).light(light_samples(Directional(towards, (1.0, 1.0, 1.0))))
         for one, towards in ((mesh, direction), (turned, turn @ direction))
     ]
     assert np.allclose(*found, atol=1e-4)
@@ -66,7 +66,7 @@ def test_what_a_texel_sees_turns_with_the_hand(training: Recording) -> None:
 
 def test_many_lights_are_seen_as_one_after_the_other(training: Recording) -> None:
     mesh = training.frames[0].mesh
-    frames = transfer.Frames.of(PosedMesh(mesh), Atlas.of(mesh.topology, 64), 3)
+    frames = transfer.TexelFrames.of(PosedMesh(mesh), Atlas.of(mesh.topology, 64), 3)
     lights = light_samples(Environment("sky", np.random.default_rng(0).random((4, 8, 3), dtype=np.float32)))
     each = [
         harmonics(frames.axes @ direction, 3)[..., None] * power

@@ -11,7 +11,7 @@ from ..uv.columns import at_corners, inner, unit_columns, weighted
 from ..uv.surface import face_normals
 from .posedmesh import PosedMesh
 
-VERSION = 3
+VERSION = 4
 """Of the answers here and in `shadowmap`: raise it when they change, so that shadows kept on disk are made again."""
 
 HORIZON = 0.1
@@ -64,12 +64,15 @@ class HardShadows:
 
         With `fill` and `Skips.agreed`, distant lights are traced at every fourth texel of both directions first, then
         at every other, then at all: but where those around a texel that were there before agree, it is taken to see
-        what they see. What is narrower than a few texels can be missed, so this is for sums over many lights.
+        what they see. What is narrower than a few texels can be missed, so this is for sums over many lights. What a
+        texel sees does not depend on which others are asked for: those around it are asked, too.
         """
         starts, normals, reach = self._origins
         texels = np.arange(len(starts)) if texels is None else texels
-        starts, normals, reach = starts[texels], normals[texels], reach[texels]
-        stages = _stages(self._atlas, texels) if fill and skips().agreed else []
+        asked, stages = texels, []
+        if fill and skips().agreed:
+            asked, stages = _with_those_around(texels, _stages(self._atlas))
+        starts, normals, reach = starts[asked], normals[asked], reach[asked]
         if not skips().below_horizon:
             reach = np.full_like(reach, 2.0)
         scene = self._scene
@@ -100,7 +103,7 @@ class HardShadows:
             seen[row, facing] = ~scene.blocked(rays, far=1.0)
             traced += len(rays)
         note("shadow rays", seen.size, seen.size - traced)
-        return seen
+        return seen[:, np.searchsorted(asked, texels)] if stages else seen
 
     def _trace(self, starts: Array, directions: Array, pairs: Array, seen: Array) -> int:
         """Set what distant lights are seen at some pairs (L, N), and say how many rays that took."""
@@ -109,32 +112,46 @@ class HardShadows:
         return len(rays)
 
 
-def _stages(atlas: Atlas, texels: Array) -> list[tuple[Array, Array]]:
-    """The places of texels that are between no others, without corners, then those between others, coarse to fine."""
-    between = [around_texels(atlas, texels, step) for step in _STEPS]
-    alone = np.ones(len(texels), dtype=bool)
-    for places, _ in between:
-        alone[places] = False
+def _stages(atlas: Atlas) -> list[tuple[Array, Array]]:
+    """Covered texels that are between no others, without corners, then those between others, coarse to fine."""
+    between = [around_texels(atlas, step) for step in _STEPS]
+    alone = np.ones(atlas.count, dtype=bool)
+    for texels, _ in between:
+        alone[texels] = False
     return [(np.flatnonzero(alone), np.zeros((0, 0), dtype=np.int64)), *between]
 
 
-def around_texels(atlas: Atlas, texels: Array, step: int) -> tuple[Array, Array]:
-    """Which of some covered texels (N,) lie between others of them, (M,), and those others, (4, M), as places in N.
+def _with_those_around(texels: Array, stages: list[tuple[Array, Array]]) -> tuple[Array, list[tuple[Array, Array]]]:
+    """Texels and those that they ask, rising, and the stages of these alone, as places among them."""
+    asked = np.zeros(sum(len(between) for between, _ in stages), dtype=bool)
+    asked[texels] = True
+    for between, corners in reversed(stages):  # the coarser ones are asked by the finer
+        if len(corners):
+            asked[corners[:, asked[between]]] = True
+    place = np.cumsum(asked) - 1
+    kept = [asked[between] for between, _ in stages]
+    return np.flatnonzero(asked), [
+        (place[between[some]], place[corners[:, some]] if len(corners) else corners)
+        for (between, corners), some in zip(stages, kept, strict=True)
+    ]
+
+
+def around_texels(atlas: Atlas, step: int) -> tuple[Array, Array]:
+    """Which covered texels lie between others, (M,), and those others, (4, M), by their numbers in the atlas.
 
     The others are texels of the same chart whose row and column are multiples of `step`, an even number; those between
     are of multiples of its half. In line with two of the others they have these twice. Texels that lack one of theirs
     are not between others.
     """
     size = atlas.size
-    row, column = np.divmod(atlas.texels[texels], size)
+    row, column = np.divmod(atlas.texels, size)
     down, right = row % step, column % step
     place = np.full((size + step, size + step), -1)  # beyond the last row and column there is nothing
     on = (down == 0) & (right == 0)
     place[row[on], column[on]] = np.flatnonzero(on)
     corners = np.stack([place[row + y * down, column + x * right] for y in (-1, 1) for x in (-1, 1)])
-    chart = atlas.chart[texels]
     between = ~on & (down % (step // 2) == 0) & (right % (step // 2) == 0)
-    between &= (corners >= 0).all(axis=0) & (chart[corners] == chart).all(axis=0)
+    between &= (corners >= 0).all(axis=0) & (atlas.chart[corners] == atlas.chart).all(axis=0)
     return np.flatnonzero(between), corners[:, between]
 
 
