@@ -46,7 +46,8 @@ def read_codes(path: Path, what: str = "picture", max_pixels: int = MAX_PIXELS, 
     """
     try:
         with opened_codes(path) as image:
-            check_size(path, what, *image.size, max_pixels=max_pixels)
+            width, height = image.size
+            check_size(path, what, width, height, max_pixels)
             if image.mode == "CMYK" or getattr(image, "n_frames", 1) > 1:
                 kind = "in CMYK" if image.mode == "CMYK" else "animated"
                 raise InputError(f"{what} {path} is {kind}, which is not supported; save it as a plain sRGB PNG")

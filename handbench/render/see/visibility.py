@@ -69,7 +69,7 @@ class HardShadows:
         """
         starts, normals, reach = self._origins
         texels = np.arange(len(starts)) if texels is None else texels
-        asked, stages = texels, []
+        asked, stages = texels, list[tuple[Array, Array]]()
         if fill and skips().agreed:
             asked, stages = _with_those_around(texels, _stages(self._atlas))
         starts, normals, reach = starts[asked], normals[asked], reach[asked]
