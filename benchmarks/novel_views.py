@@ -22,7 +22,7 @@ from scipy.ndimage import binary_erosion
 from handbench.data.capture import open_capture
 from handbench.hand import hand_model
 from handbench.method import Prior
-from handbench.methods.palm.drawing import DrawingSettings, facing
+from handbench.methods.palm.drawing import DrawingSettings, facing, hits
 from handbench.methods.palm.frames import Taken, TrainingCrop, taken
 from handbench.methods.palm.method import Palm, PalmPrior
 from handbench.methods.palm.model import PalmModel
@@ -42,18 +42,13 @@ def drawn(posed: PosedHand, surface: FieldSurface, crop: TrainingCrop) -> tuple[
     """The radiance field's colours (h, w, 3) and alpha (h, w) of a picture as `quick` draws one, see `surface_view`."""
     model, (height, width) = posed.model, crop.alpha.shape
     raster = rasterise(PosedMesh(surface.mesh), crop.camera, DrawingSettings().supersample)
-    pixel, first, count = np.unique(raster.pixel, return_index=True, return_counts=True)
-    middle = first + count // 2
-    share = torch.from_numpy(raster.barycentric[middle])[..., None]
-    faces = surface.mesh.topology.faces[raster.face[middle]].astype(np.int64)
-    x = (share * surface.canonical[torch.from_numpy(faces)]).sum(dim=1)
-    point = (share.double() * torch.from_numpy(surface.mesh.vertices[faces])).sum(dim=1)
-    view = torch.nn.functional.normalize(torch.from_numpy(crop.camera.centre) - point, dim=1).float()
-    normal = facing(torch.from_numpy(raster.normal[middle]).float(), view)
-    reflected = 2.0 * (view * normal).sum(dim=1, keepdim=True) * normal - view
-    colour = model.radiance(x, model.geometry(x, posed.conditions).feature, reflected, normal, posed.conditions)
+    hit = hits(surface.canonical, raster)
+    normal = facing(hit.normal, hit.view)
+    reflected = 2.0 * (hit.view * normal).sum(dim=1, keepdim=True) * normal - hit.view
+    feature = model.geometry(hit.x, posed.conditions).feature
+    colour = model.radiance(hit.x, feature, reflected, normal, posed.conditions)
     image = np.zeros((raster.alpha.size, 3), dtype=np.float32)
-    image[pixel] = raster.alpha.reshape(-1, 1)[pixel] * colour.numpy()
+    image[hit.pixel] = (hit.alpha[:, None] * colour).numpy()
     left, top = crop.corner
     part = slice(top, top + height), slice(left, left + width)
     return image.reshape(*raster.alpha.shape, 3)[part], raster.alpha[part]

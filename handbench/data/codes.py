@@ -21,7 +21,7 @@ from ..errors import InputError
 from ..scene import Array
 from .filekind import MAX_PIXELS, check_size
 
-_EXIF_ORIENTATION = 0x0112
+EXIF_ORIENTATION = 0x0112
 _SRGB = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)  # white, red, green, blue
 _GAMMAS = {"srgb": 1 / 2.2, "linear": 1.0}
 # Primaries, transfer, matrix, full range (ITU-T H.273): codes of a narrow range, 16 to 235, are others.
@@ -53,7 +53,7 @@ def read_codes(path: Path, what: str = "picture", max_pixels: int = MAX_PIXELS, 
                 raise InputError(f"{what} {path} is {kind}, which is not supported; save it as a plain sRGB PNG")
             curve = "srgb" if said else _curve(path, what, image)
             values = _values(path, image)
-            turn = image.getexif().get(_EXIF_ORIENTATION, 1)
+            turn = image.getexif().get(EXIF_ORIENTATION, 1)
     except InputError:
         raise
     except Exception as error:  # decoders raise their own types for damaged files

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from .codes import opened_codes
+from .codes import EXIF_ORIENTATION, opened_codes
 from .exrheader import read_parts, the_part
 from .filekind import MAX_PIXELS, check_kind, check_size
 
@@ -50,5 +50,5 @@ def has_alpha(path: Path) -> bool:
 def _coded(path: Path) -> tuple[int, int]:
     with opened_codes(path) as image:
         width, height = image.size
-        lying = image.getexif().get(0x0112, 1) >= 5
+        lying = image.getexif().get(EXIF_ORIENTATION, 1) >= 5
     return (height, width) if lying else (width, height)

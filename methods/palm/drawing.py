@@ -61,12 +61,25 @@ class SeenPlaces(NamedTuple):
     pixel: Tensor
 
 
-def surface_view(posed: PosedHand, canonical: Tensor, raster: Raster) -> SeenPlaces:
-    """One place for each pixel that sees the raster's mesh, whose vertices are at canonical (V, 3) in canonical space.
+class Hits(NamedTuple):
+    """What the P pixels that see a mesh see of it, each by the middle one of its rays that meet the mesh."""
 
-    A pixel's place is what the middle one of its rays that meet the mesh sees. Normals are the mesh's: those of the
-    field jump where its tables' cells of a millimetre meet, and a picture would show them as streaks.
-    """
+    pixel: Array
+    """(P,), flat."""
+    x: Tensor
+    """Canonical places (P, 3)."""
+    point: Tensor
+    """Places in the world (P, 3), metres."""
+    normal: Tensor
+    """The mesh's unit normals (P, 3), which may face away at outlines: see `facing`."""
+    view: Tensor
+    """Unit directions to the camera (P, 3)."""
+    alpha: Tensor
+    """The share of a pixel's rays that meet the mesh (P,)."""
+
+
+def hits(canonical: Tensor, raster: Raster) -> Hits:
+    """What each pixel sees of the raster's mesh, whose vertices are at canonical (V, 3) in canonical space."""
     pixel, first, count = np.unique(raster.pixel, return_index=True, return_counts=True)
     chosen = first + count // 2
     share = torch.from_numpy(raster.barycentric[chosen])[..., None]
@@ -75,10 +88,19 @@ def surface_view(posed: PosedHand, canonical: Tensor, raster: Raster) -> SeenPla
     point = (share.double() * torch.from_numpy(raster.mesh.vertices[faces])).sum(dim=1).float()
     normal = torch.from_numpy(raster.normal[chosen]).float()
     view = torch.nn.functional.normalize(torch.from_numpy(raster.camera.centre).float() - point, dim=1)
-    alpha = torch.from_numpy(raster.alpha.reshape(-1)[pixel])
-    seen = (point + LIFT * normal, facing(normal, view), view, posed.material(x))
-    places = Scattering(len(pixel), torch.arange(len(pixel)), alpha, *seen)
-    return SeenPlaces(places, torch.from_numpy(pixel.astype(np.int64)))
+    return Hits(pixel, x, point, normal, view, torch.from_numpy(raster.alpha.reshape(-1)[pixel]))
+
+
+def surface_view(posed: PosedHand, canonical: Tensor, raster: Raster) -> SeenPlaces:
+    """One place for each pixel that sees the raster's mesh, whose vertices are at canonical (V, 3) in canonical space.
+
+    Normals are the mesh's: those of the field jump where its tables' cells of a millimetre meet, and a picture would
+    show them as streaks.
+    """
+    hit = hits(canonical, raster)
+    seen = (hit.point + LIFT * hit.normal, facing(hit.normal, hit.view), hit.view, posed.material(hit.x))
+    places = Scattering(len(hit.pixel), torch.arange(len(hit.pixel)), hit.alpha, *seen)
+    return SeenPlaces(places, torch.from_numpy(hit.pixel.astype(np.int64)))
 
 
 def facing(normal: Tensor, view: Tensor) -> Tensor:

@@ -139,8 +139,8 @@ class _Fitter:
     def run(self, progress: Progress) -> Person:
         fit = self.fit
         lights = [] if fit.light == "fixed" else [*self._light.parameters()]
-        moved = [self._coefficients, self._moves[1:], self._moves[:1], *([lights] if lights else [])]
-        adam = torch.optim.Adam([{"params": parameters} for parameters in moved])
+        moved = {"codes": self._coefficients, "pose": self._moves[1:], "shape": self._moves[:1], "light": lights}
+        adam = torch.optim.Adam([{"name": name, "params": some} for name, some in moved.items() if some])
         for step in range(fit.steps):
             lit = step >= fit.lit_from * fit.steps
             if step % fit.rebuild == 0:
@@ -148,9 +148,10 @@ class _Fitter:
             if lit and step - 1 < fit.lit_from * fit.steps:
                 self._start_light()
             left = 1.0 - fit.falling * step / fit.steps
-            rates = (fit.rates.code, fit.rates.pose, fit.rates.shape, fit.rates.light * lit)
-            for group, rate in zip(adam.param_groups, rates, strict=False):  # a fixed light has none
-                group["lr"] = rate * left
+            rates = fit.rates
+            rate = {"codes": rates.code, "pose": rates.pose, "shape": rates.shape, "light": rates.light * lit}
+            for group in adam.param_groups:
+                group["lr"] = rate[group["name"]] * left
             adam.zero_grad()
             losses = self._losses(lit)
             loss = torch.stack([*losses.values()]).sum()
@@ -158,10 +159,11 @@ class _Fitter:
                 bad = next(name for name, value in losses.items() if not bool(value.detach().isfinite()))
                 raise NonFinite(f"palm-net: {bad} of step {step + 1} of a fit is not finite; lower the rates")
             loss.backward()
-            for name, group in zip(("codes", "pose", "shape", "light"), adam.param_groups, strict=False):
+            for group in adam.param_groups:
                 if any(u.grad is not None and not bool(u.grad.isfinite().all()) for u in group["params"]):
                     raise NonFinite(
-                        f"palm-net: the gradient to {name} in step {step + 1} of a fit is not finite; lower the rates"
+                        f"palm-net: the gradient to {group['name']} in step {step + 1} of a fit is not finite; "
+                        "lower the rates"
                     )
             adam.step()
             if (step + 1) % _TELL == 0 or step + 1 == fit.steps:
