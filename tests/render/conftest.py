@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
@@ -80,6 +81,21 @@ def camera(width=96, height=80, focal=160.0, eye=(0.0, 0.0, 5.0), target=(0.0, 0
     rotation = np.stack([right, np.cross(forward, right), forward])
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
     return Camera("test", width, height, K, np.concatenate([rotation, (-rotation @ eye)[:, None]], axis=1))
+
+
+@pytest.fixture
+def fuse(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Once called, the fused kernel shades whatever there is, in blocks of 64 texels.
+
+    A kernel takes a second or more to compile for a shape, so tests share one: that of 513 to 1024 texels.
+    """
+    from handbench.render.shade import fused, switch
+
+    def chosen() -> None:
+        monkeypatch.setattr(switch, "_FUSE", 0)
+        monkeypatch.setattr(fused, "_BLOCK", 64)
+
+    return chosen
 
 
 @pytest.fixture(scope="session")

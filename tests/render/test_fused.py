@@ -3,43 +3,43 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 import torch
 
 from handbench.light.lightset import LightSet
-from handbench.render.shade import fused, switch
+from handbench.render.shade import fused
 from handbench.render.shade.shading import light_features, relight, transfer
 
 
 @pytest.fixture
 def scene():
+    """The last block of texels is not full, and the lights need two calls."""
     generator = torch.Generator().manual_seed(0)
-    normal, position = torch.randn(2, 3, 500, generator=generator)
+    normal, position = torch.randn(2, 3, 600, generator=generator)
     normal = torch.nn.functional.normalize(normal, dim=0)
-    directions = torch.nn.functional.normalize(torch.randn(70, 3, generator=generator), dim=1)
-    lights = LightSet(directions.numpy(), np.random.default_rng(0).random((70, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
-    visible = torch.rand(70, 500, generator=generator) > 0.3
-    return normal, 0.05 * position, torch.rand(500, generator=generator), np.array([0.0, 0.0, 1.0]), lights, visible
+    directions = torch.nn.functional.normalize(torch.randn(150, 3, generator=generator), dim=1)
+    lights = LightSet(directions.numpy(), np.random.default_rng(0).random((150, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
+    visible = torch.rand(150, 600, generator=generator) > 0.3
+    return normal, 0.05 * position, torch.rand(600, generator=generator), np.array([0.0, 0.0, 1.0]), lights, visible
 
 
 @pytest.mark.parametrize("model", ["brdf", "phong", "diffuse"])
 @pytest.mark.parametrize("seen", ["bool", "weights", "none"])
-def test_fused_and_tiled_agree(scene, seen: str, model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fused_and_tiled_agree(scene, seen: str, model: str, fuse: Callable[[], None]) -> None:
     *maps, visible = scene
     visibility = {"bool": visible, "weights": 0.5 * visible, "none": None}[seen]
     tiled = light_features(*maps, visibility, model)
-    monkeypatch.setattr(switch, "_FUSE", 0)
-    monkeypatch.setattr(fused, "_BLOCK", 128)  # the last block is not full
-    monkeypatch.setattr(fused, "_LIGHTS", 32)  # and the lights need several calls
+    fuse()
     fast = light_features(*maps, visibility, model)
     for one, other in zip(tiled, fast, strict=True):
         assert (one - other).abs().max() <= 3e-6 * one.abs().max()
 
 
 @pytest.mark.parametrize("model", ["brdf", "phong"])
-def test_fused_gradients_are_those_of_the_tiles(scene, model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fused_gradients_are_those_of_the_tiles(scene, model: str, fuse: Callable[[], None]) -> None:
     *maps, visible = scene
     maps[2] = 0.1 + 0.9 * maps[2]
 
@@ -49,24 +49,24 @@ def test_fused_gradients_are_those_of_the_tiles(scene, model: str, monkeypatch: 
         return torch.autograd.grad((diffuse * diffuse + 2.0 * specular).sum(), inputs, allow_unused=model == "phong")
 
     exact = gradients(torch.float64)
-    monkeypatch.setattr(switch, "_FUSE", 0)
+    fuse()
     for ours, expected in zip(gradients(torch.float32), exact, strict=True):
         if expected is not None:
             assert (ours - expected).abs().max() < 1e-5 * expected.abs().max()
 
 
-def test_gradients_in_the_light_keep_to_the_tiles(scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gradients_in_the_light_keep_to_the_tiles(scene, fuse: Callable[[], None]) -> None:
     *maps, lights, visible = scene
-    monkeypatch.setattr(switch, "_FUSE", 0)
+    fuse()
     power = torch.tensor(lights.irradiance, requires_grad=True)
     some = LightSet(lights.directions, power, lights.positions, lights.intensities)
     light_features(*maps, some, visible)[1].sum().backward()
     assert power.grad is not None and power.grad.abs().max() > 0
 
 
-def test_without_xla_the_tiles_answer(scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_xla_the_tiles_answer(scene, fuse: Callable[[], None], monkeypatch: pytest.MonkeyPatch) -> None:
     *maps, visible = scene
-    monkeypatch.setattr(switch, "_FUSE", 0)
+    fuse()
     fast = light_features(*maps, visible)
     monkeypatch.setitem(sys.modules, "jax", None)  # what a broken installation looks like
     fused.usable.cache_clear()

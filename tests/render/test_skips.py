@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import torch
 
 from handbench.light.lightset import LightSet
 from handbench.render.see.raster import rasterise
-from handbench.render.shade import fused, switch, tiles
+from handbench.render.shade import switch, tiles
 from handbench.render.shade.shading import light_features
 from handbench.render.uv.atlas import Atlas
 from handbench.skips import NONE, Saved, Skips, skipping, tallied
@@ -19,10 +20,11 @@ CENTRE = np.array([0.1, 0.2, 2.0])
 
 
 @pytest.fixture(params=["tiles", "fused"])
-def path(request, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setattr(switch, "_FUSE", 0 if request.param == "fused" else 1 << 60)
-    monkeypatch.setattr(tiles, "_PAIRS", 2048)
-    monkeypatch.setattr(fused, "_BLOCK", 64)
+def path(request, monkeypatch: pytest.MonkeyPatch, fuse: Callable[[], None]) -> str:
+    fuse()
+    if request.param == "tiles":
+        monkeypatch.setattr(switch, "_FUSE", 1 << 60)
+        monkeypatch.setattr(tiles, "_PAIRS", 2048)
     return request.param
 
 

@@ -49,6 +49,11 @@ def _one(normal, view, roughness, direction, irradiance, visibility):  # type: i
     return diffuse, jnp.where(normal @ view > 0, brdf * diffuse, 0.0)
 
 
+_over_texels = jax.vmap(_one, in_axes=(0, 0, 0, None, None, 0))
+_each: Callable[..., Any] = jax.jit(jax.vmap(_over_texels, in_axes=(None, None, None, 0, 0, 0)))
+"""The terms (L, N, 3) each of all lights and texels."""
+
+
 def shading_features(
     normal: Array, view: Array, roughness: Array, directions: Array, irradiance: Array, visibility: Array
 ) -> tuple[Array, Array]:
@@ -57,9 +62,7 @@ def shading_features(
     with jax.enable_x64(True):
         arrays = [jnp.asarray(values, jnp.float64) for values in (normal, view, roughness)]
         lights = [jnp.asarray(values, jnp.float64) for values in (directions, irradiance)]
-        over_texels = jax.vmap(_one, in_axes=(0, 0, 0, None, None, 0))
-        over_lights: Callable[..., Any] = jax.vmap(over_texels, in_axes=(None, None, None, 0, 0, 0))
-        terms = over_lights(*arrays, *lights, jnp.asarray(visibility, jnp.float64))
+        terms = _each(*arrays, *lights, jnp.asarray(visibility, jnp.float64))
         diffuse, specular = (np.asarray(term.sum(axis=0)) for term in terms)
         return diffuse, specular
 
