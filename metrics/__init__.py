@@ -13,7 +13,7 @@ from handbench.registry import Entry
 from .base import AnyFamily, Family, Metric, PairFamily, Score, from_signature, metric, scores
 from .compat import ENTRIES as COMPATIBILITY
 from .pair import Pair
-from .view import Looks, View
+from .view import Looks, Recent, View
 
 __all__ = [
     "ENTRIES",
@@ -23,6 +23,7 @@ __all__ = [
     "Metric",
     "Pair",
     "PairFamily",
+    "Recent",
     "Score",
     "View",
     "from_signature",

@@ -21,7 +21,7 @@ from handbench.metricspec import MetricSpec
 from handbench.registry import METRICS
 
 from .pair import Pair
-from .view import ALPHA, REGIONS, SCALES, SPACES, Looks, View
+from .view import ALPHA, REGIONS, SCALES, SPACES, Looks, Recent, View
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ class Metric:
 
     def __call__(self, pairs: Sequence[Pair]) -> list[Score]:
         """One score a pair, in the order of the pairs."""
-        return [self.score(Looks(pair)) for pair in pairs]
+        return [row[0] for row in scores([self], pairs)]
 
     def score(self, looks: Looks) -> Score:
         """The score of one pair, sharing what other metrics have already computed of it."""
@@ -214,14 +214,15 @@ class Metric:
         return Score(float(value)) if math.isfinite(value) else Score(None, f"{self.family.title} is {value}")
 
 
-def scores(metrics: Sequence[Metric], pairs: Iterable[Pair]) -> list[list[Score]]:
+def scores(metrics: Sequence[Metric], pairs: Iterable[Pair], recent: Recent | None = None) -> list[list[Score]]:
     """For each pair the scores of all metrics, in the order of the metrics: what each alone would say, but faster.
 
-    What several metrics need of a pair is computed once, and dropped with the pair.
+    What several metrics need of a pair is computed once, and dropped with the pair, but for what `recent` keeps for
+    the next pairs; give the same one for pairs that follow later.
     """
-    rows = []
+    rows, recent = [], recent or Recent()
     for pair in pairs:
-        looks = Looks(pair)
+        looks = Looks(pair, recent)
         rows.append([metric.score(looks) for metric in metrics])
     return rows
 

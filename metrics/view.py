@@ -14,10 +14,11 @@ prediction that bleeds out of the silhouette pays for it in `box` and `full`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ from handbench.errors import Unsupported
 from handbench.scene.colour import srgb
 
 from .pair import Pair
+
+T = TypeVar("T")
 
 ALPHA = 0.5
 BOX_MARGIN = 8
@@ -51,11 +54,30 @@ class View:
     region: str
 
 
-class Looks:
-    """All views of one pair; what several of them need, such as the sRGB curve, is computed once."""
+class Recent:
+    """The last few values by key: what pairs that follow each other share, such as the surfaces of a pose."""
 
-    def __init__(self, pair: Pair) -> None:
+    def __init__(self, most: int = 4) -> None:
+        self._most = most
+        self._held: OrderedDict[Hashable, Any] = OrderedDict()
+
+    def __call__(self, key: Hashable, make: Callable[[], T]) -> T:
+        """The value of a key, made if it is not among the last ones."""
+        self._held[key] = found = self._held.pop(key) if key in self._held else make()
+        while len(self._held) > self._most:
+            self._held.popitem(last=False)
+        return cast(T, found)
+
+
+class Looks:
+    """All views of one pair; what several of them need, such as the sRGB curve, is computed once.
+
+    `recent` is what the pairs before it left.
+    """
+
+    def __init__(self, pair: Pair, recent: Recent | None = None) -> None:
         self.pair = pair
+        self.recent = recent or Recent()
         self._prepared: dict[tuple[str, str, bool], tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
 
     def view(self, options: Mapping[str, str], context: int = 0, least: int = 1) -> View:

@@ -68,10 +68,11 @@ def mano(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     import syntheticmano
 
     from handbench.hand import hand_model
+    from handbench.hand.known import forget
 
     with pytest.MonkeyPatch.context() as patch:
         if "HANDBENCH_MANO" not in os.environ:
             patch.setenv("HANDBENCH_MANO", str(syntheticmano.write(tmp_path_factory.mktemp("mano"))))
-        hand_model.cache_clear()
+        forget("mano-right", "mano-left")
         yield hand_model("mano-right")
-    hand_model.cache_clear()
+    forget("mano-right", "mano-left")

@@ -53,7 +53,13 @@ class Lender:
         return self._copies
 
     def check(self) -> None:
-        """Raise `Changed` if the borrower changed anything; the next cell then gets new copies."""
+        """Raise `Changed` if the borrower changed anything; the next cell then gets new copies.
+
+        Hand models are shared, as what is worked out of one serves all who use it; they are put back."""
+        hands = _restored_hands()
+        if hands:
+            self._for = None
+            raise Changed(f"the hand model {hands[0]}")
         for lent in self._lent:
             if not np.array_equal(lent.original, lent.copy):
                 self._for = None
@@ -79,6 +85,12 @@ def _forget_atlases() -> None:
     atlas = sys.modules.get("handbench.render.uv.atlas")
     if atlas is not None:
         atlas.forget()
+
+
+def _restored_hands() -> list[str]:
+    """The hand models that were changed, which they are no more. Nothing is loaded to have none."""
+    known = sys.modules.get("handbench.hand.known")
+    return known.restored() if known is not None else []
 
 
 def _named(kind: type) -> str:

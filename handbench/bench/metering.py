@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
 
+from ..contents import arrays_in
+
 _PROC = Path("/proc")
 _RAPL = Path("/sys/class/powercap")
-_MOST = 200_000  # objects that are looked into: bounds the time
 _HEADER = 1 << 24  # bytes of a safetensors header
 
 
@@ -142,40 +142,21 @@ def held_bytes(value: Any) -> int:
     A hand model counts nothing: one object with its caches serves all avatars.
     """
     models = sys.modules.get("handbench.hand.handmodel")  # not loaded for this: it brings torch
-    shared = (str, bytes, int, float, bool, type, ModuleType, FunctionType, *((models.HandModel,) if models else ()))
     arrays: dict[int, int] = {}
-    seen: set[int] = set()
-    left = [value]
-    while left and len(seen) < _MOST:
-        each = left.pop()
-        if id(each) in seen or isinstance(each, shared):
-            continue
-        seen.add(id(each))
-        if (size := _array(each)) is not None:
-            arrays[size[0]] = max(arrays.get(size[0], 0), size[1])
-        elif isinstance(each, dict):
-            left += each.values()
-        elif isinstance(each, list | tuple | set | frozenset):
-            left += each
-        else:
-            left += vars(each).values() if hasattr(each, "__dict__") else ()
-            slots = (name for kind in type(each).__mro__ for name in getattr(kind, "__slots__", ()))
-            left += [getattr(each, name) for name in slots if hasattr(each, name)]
+    for each in arrays_in(value, apart=(models.HandModel,) if models else ()):
+        where, size = _memory(each)
+        arrays[where] = max(arrays.get(where, 0), size)
     return sum(arrays.values())
 
 
-def _array(value: Any) -> tuple[int, int] | None:
-    """Where an array's memory is and how much there is of it; views share theirs. None for what is no array."""
-    if isinstance(value, np.ndarray):
-        base = value
-        while isinstance(base.base, np.ndarray):
-            base = base.base
-        return id(base), int(base.nbytes)
-    storage = getattr(value, "untyped_storage", None)
-    if getattr(value, "is_sparse", False):  # it has no storage
-        return id(value), int(value._indices().nbytes + value._values().nbytes)
+def _memory(array: Any) -> tuple[int, int]:
+    """Where an array's memory is and how much there is of it; views share theirs."""
+    if isinstance(array, np.ndarray):
+        while isinstance(array.base, np.ndarray):
+            array = array.base
+        return id(array), int(array.nbytes)
+    storage = getattr(array, "untyped_storage", None)
     if callable(storage):
         held = storage()
         return held.data_ptr(), int(held.nbytes())
-    nbytes = getattr(value, "nbytes", None)
-    return (id(value), nbytes) if isinstance(nbytes, int) and hasattr(value, "shape") else None
+    return id(array), int(array.nbytes)

@@ -40,6 +40,7 @@ class Scoring:
         self._with_mesh = any("truth_mesh" in metric.needs for metric in metrics.values())
         self._found: dict[str, list[tuple[float | None, str | None]]] = {}
         self._medians: dict[str, float] = {}
+        self._recent = metrics_module.Recent()
         self.trace: str | None = None
         self.seconds = 0.0
 
@@ -52,7 +53,7 @@ class Scoring:
         """Score pictures. One with NaN or infinity, and a frame that cannot be read, get no value, and the reason."""
         start = time.perf_counter()
         sound = [(frame, pair) for frame, picture in drawn if (pair := self._pair(frame, picture)) is not None]
-        rows = self._module.scores(list(self._metrics.values()), [pair for _, pair in sound])
+        rows = self._module.scores(list(self._metrics.values()), [pair for _, pair in sound], self._recent)
         for (frame, _), row in zip(sound, rows, strict=True):
             self._found[frame.key] = [_value(score.value, score.reason) for score in row]
         self.seconds += time.perf_counter() - start

@@ -7,7 +7,6 @@ of the answer.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -146,8 +145,11 @@ def _moves(hand: HandModel, joint: int, component: int) -> bool:
     return hand.limits is None or bool(np.ptp(hand.limits[joint, component]) > 0)
 
 
-@lru_cache(maxsize=4)
 def _spread(hand: HandModel) -> Array:
     """Standard deviations (S,) of the shape's numbers among people."""
-    rng = np.random.default_rng(0)
-    return np.std([np.asarray(hand.sample_identity(rng)) for _ in range(_PEOPLE)], axis=0)
+
+    def make() -> Array:
+        rng = np.random.default_rng(0)
+        return np.std([np.asarray(hand.sample_identity(rng)) for _ in range(_PEOPLE)], axis=0)
+
+    return hand.kept("spread of shapes", make)

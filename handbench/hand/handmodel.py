@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -12,6 +13,7 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..scene import Array, Mesh, Pose, Topology
+from .kept import Kept
 from .skinning import linear_blend, rotation_matrix
 
 Side: TypeAlias = Literal["left", "right"]
@@ -57,6 +59,11 @@ class HandModel(ABC):
     pose_shapes: Array | None = None
     tip_vertices: tuple[int, ...] | None = None
     limits: Array | None = None
+
+    @cached_property
+    def kept(self) -> Kept:
+        """What is worked out of this hand once, for all who use it: `hand.kept(key, make)`."""
+        return Kept(HandModel)
 
     # -- shapes and poses -------------------------------------------------------------------------------------------
 

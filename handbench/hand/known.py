@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from functools import cache
 
 import numpy as np
 
@@ -12,22 +11,47 @@ from ..errors import Absent, Unsupported
 from ..registry import HANDS
 from ..scene import Pose, Topology
 from .handmodel import HandModel
+from .kept import Kept
 
 SHIPPED = "openhand"
 """The hand that comes with handbench."""
 
 
-@cache
+_models = Kept(HandModel)
+
+
 def hand_model(name: str = SHIPPED) -> HandModel:
     """The registered hand model of a name; `InputError` with the closest names if there is none.
 
-    It is one shared object, so its arrays are read-only.
+    It is one shared object, so its arrays are read-only. What a method writes into them all the same is found by
+    `restored`.
     """
-    model: HandModel = HANDS.load(name)()
-    for value in vars(model).values():
-        if isinstance(value, np.ndarray):
-            value.flags.writeable = False
-    return model
+
+    def make() -> HandModel:
+        model: HandModel = HANDS.load(name)()
+        for value in vars(model).values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+        return model
+
+    return _models(name, make)
+
+
+def restored() -> list[str]:
+    """Find shared hand models that somebody wrote into, put them back to what they were, and name them."""
+    own = _models.changed()
+    found = [name for name, model in _models.items() if name in own or model.kept.changed()]
+    if found:
+        _models.restore(own)  # first, since all else is made of them
+        for name in found:
+            hand_model(name).kept.restore()
+    return found
+
+
+def forget(*names: str) -> None:
+    """Load hand models anew when they are asked for: their files may be others now."""
+    for name in names:
+        _models.drop(name)
 
 
 def hand_of(topology: Topology) -> tuple[HandModel, int]:

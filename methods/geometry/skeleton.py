@@ -5,8 +5,6 @@ Key points (P, 3) are the points of a `HandModel`: its joints followed by the fi
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
@@ -19,13 +17,16 @@ from handbench.scene import Array, Pose
 _REACH = 0.008  # metres around a key point whose vertices say most about it
 
 
-@lru_cache
 def regressor(hand: HandModel, level: int) -> Array:
     """Weights (P, V) that give the key points of a hand at rest from its vertices.
 
     The weights nearest to a bell around each point that are exact on the template; as rows sum to one, they are exact
     on every affine image of it too, so on hands of another size or width.
     """
+    return hand.kept(("regressor", level), lambda: _regressor(hand, level))
+
+
+def _regressor(hand: HandModel, level: int) -> Array:
     vertices, skin = hand.rest_position(level), hand.weights(level)
     points, parents = hand.points, hand.parents
     homogeneous = np.column_stack([np.ones(len(vertices)), vertices])
@@ -64,12 +65,15 @@ def forward(
     return linear_blend(carried, heads, hand.parents, weights.to(dtype), frames, joints, turn, shift)
 
 
-@lru_cache
 def bone_weights(hand: HandModel) -> Array:
     """(V, P) by which coarse vertices at rest follow the key points: each between the two ends of its bones.
 
     Points of a scan do not tell how far skin slides along a finger, so a longer bone has to carry it along.
     """
+    return hand.kept("bone weights", lambda: _bone_weights(hand))
+
+
+def _bone_weights(hand: HandModel) -> Array:
     vertices, weights, points = hand.rest_position(0), hand.weights(0), hand.points
     found = np.zeros((len(vertices), len(points)))
     for j, end in enumerate(hand.ends):

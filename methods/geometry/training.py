@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import torch
@@ -123,9 +122,12 @@ def closest(vertices: Tensor, faces: Array, points: Tensor) -> Tensor:
     return (weights[..., None] * rows_of(vertices, corners)).sum(dim=1)
 
 
-@lru_cache
 def laplacian(hand: HandModel, device: torch.device) -> Tensor:
     """Each coarse vertex minus the mean of its neighbours, (V, V) sparse."""
+    return hand.kept(("laplacian", device), lambda: _laplacian(hand).to(device))
+
+
+def _laplacian(hand: HandModel) -> Tensor:
     pairs = hand.edges()
     pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
     count = len(hand.rest_position(0))
@@ -135,4 +137,4 @@ def laplacian(hand: HandModel, device: torch.device) -> Tensor:
     matrix = torch.sparse_coo_tensor(
         torch.from_numpy(index), torch.from_numpy(values).float(), (count, count), check_invariants=False
     )
-    return matrix.coalesce().to(device)
+    return matrix.coalesce()

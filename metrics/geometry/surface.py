@@ -17,9 +17,10 @@ mesh-normal                 mean angle between the normals at points and at the 
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,12 +28,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from handbench.errors import InputError, Unsupported
+from handbench.errors import HandbenchError, InputError, Unsupported
 from handbench.render.uv.surface import vertex_normals
 from handbench.scene import Array, Mesh
 
 from ..base import PairFamily
-from ..pair import Pair
+from ..view import Looks
 from .angles import angles
 from .units import same_unit
 
@@ -116,12 +117,6 @@ def welded(vertices: Array) -> Array:
     return np.unique(group, return_index=True)[1][group]
 
 
-@lru_cache(maxsize=4)
-def surface(mesh: Mesh) -> Surface:
-    """The surface of a mesh; the last few are kept, as several metrics look at one mesh."""
-    return Surface(mesh)
-
-
 @dataclass(frozen=True, eq=False)
 class Gaps:
     """From one surface to another: distances in mm of `POINTS` points spread over it and of its corners (C,), and
@@ -132,13 +127,40 @@ class Gaps:
     angles: Array
 
 
-@lru_cache(maxsize=4)
-def gaps(source: Mesh, target: Mesh) -> Gaps:
-    """From the surface of one mesh to that of another; the last few are kept."""
-    ours, theirs = surface(source), surface(target)
-    points, normals = ours.at(*ours.sample())
-    distances, nearest = theirs.nearest(points)
-    return Gaps(distances, theirs.nearest(ours.corners)[0], angles(normals, nearest))
+def gaps(source: Surface, target: Surface) -> Gaps:
+    """From one surface to another."""
+    points, normals = source.at(*source.sample())
+    distances, nearest = target.nearest(points)
+    return Gaps(distances, target.nearest(source.corners)[0], angles(normals, nearest))
+
+
+class Facing:
+    """A prediction and its truth as surfaces; the gaps between them are worked out when they are asked for, and kept.
+
+    Raises `Unsupported` for a prediction without a surface or in millimetres, and `InputError` for a truth without a
+    surface: a damaged capture.
+    """
+
+    def __init__(self, prediction: Mesh, truth: Mesh) -> None:
+        self.truth = self._surface("truth", truth, InputError)
+        self.prediction = self._surface("prediction", prediction, Unsupported)
+        spans = (float(np.ptp(each.corners, axis=0).max()) for each in (self.prediction, self.truth))
+        same_unit("the mesh spans", *spans)
+
+    @staticmethod
+    def _surface(whose: str, mesh: Mesh, refusal: type[HandbenchError]) -> Surface:
+        try:
+            return Surface(mesh)
+        except InputError as error:
+            raise refusal(f"{whose} {error}") from error
+
+    @cached_property
+    def from_prediction(self) -> Gaps:
+        return gaps(self.prediction, self.truth)
+
+    @cached_property
+    def from_truth(self) -> Gaps:
+        return gaps(self.truth, self.prediction)
 
 
 def surface_distances(mesh: Mesh, points: Array) -> Array:
@@ -150,7 +172,7 @@ def surface_distances(mesh: Mesh, points: Array) -> Array:
         raise InputError(f"surface_distances: points have shape {points.shape}, expected (n, 3) with n > 0")
     if not np.isfinite(points).all():
         raise InputError("surface_distances: points hold NaN or infinity; remove them first")
-    return surface(mesh).nearest(points)[0]
+    return Surface(mesh).nearest(points)[0]
 
 
 def mean(distances: Array) -> float:
@@ -167,67 +189,58 @@ def fscore(precise: Array, complete: Array, threshold: float) -> float:
     return 2.0 * precision * recall / (precision + recall) if precision + recall else 0.0
 
 
-def _both(pair: Pair) -> tuple[Gaps, Gaps]:
-    """From the prediction to the truth, and from the truth to the prediction."""
-    prediction, truth = _meshes(pair)
-    return gaps(prediction, truth), gaps(truth, prediction)
+@dataclass(frozen=True)
+class SurfaceFamily(PairFamily):
+    """A way of measuring two surfaces. Frames of one pose have the same ones, so the looks keep the last of them."""
+
+    def value(self, looks: Looks, options: Mapping[str, str]) -> float:
+        prediction, truth = looks.pair.prediction_mesh, looks.pair.truth_mesh
+        if prediction is None or truth is None:
+            return super().value(looks, options)  # which says whose is missing
+        key = "surfaces", *map(_digest, (prediction, truth))
+        return self.measure(looks.recent(key, lambda: Facing(prediction, truth)), options)
 
 
-def _from_truth(pair: Pair) -> Array:
-    """Distances of the truth's points from the prediction."""
-    prediction, truth = _meshes(pair)
-    return gaps(truth, prediction).points
+def _digest(mesh: Mesh) -> str:
+    """What tells meshes apart: captures may read each frame's anew."""
+    return mesh.topology.digest + hashlib.blake2b(np.ascontiguousarray(mesh.vertices), digest_size=16).hexdigest()
 
 
-def _meshes(pair: Pair) -> tuple[Mesh, Mesh]:
-    """The prediction and the truth.
-
-    Raises `Unsupported` for a prediction without a surface or in millimetres, and `InputError` for a truth without a
-    surface: a damaged capture.
-    """
-    prediction, truth = pair.prediction_mesh, pair.truth_mesh
-    if prediction is None or truth is None:
-        raise Unsupported("no meshes to compare")
-    for whose, mesh, refusal in (("truth", truth, InputError), ("prediction", prediction, Unsupported)):
-        try:
-            surface(mesh)
-        except InputError as error:
-            raise refusal(f"{whose} {error}") from error
-    same_unit("the mesh spans", *(float(np.ptp(surface(mesh).corners, axis=0).max()) for mesh in (prediction, truth)))
-    return prediction, truth
+def _mean(facing: Facing, options: Mapping[str, str]) -> float:
+    return mean(facing.from_truth.points)
 
 
-def _mean(pair: Pair, options: Mapping[str, str]) -> float:
-    return mean(_from_truth(pair))
+def _percentile(facing: Facing, options: Mapping[str, str]) -> float:
+    return percentile95(facing.from_truth.points)
 
 
-def _percentile(pair: Pair, options: Mapping[str, str]) -> float:
-    return percentile95(_from_truth(pair))
+def _hausdorff(facing: Facing, options: Mapping[str, str]) -> float:
+    return float(max(distances.max() for way in _both(facing) for distances in (way.points, way.corners)))
 
 
-def _hausdorff(pair: Pair, options: Mapping[str, str]) -> float:
-    return float(max(distances.max() for way in _both(pair) for distances in (way.points, way.corners)))
+def _chamfer(facing: Facing, options: Mapping[str, str]) -> float:
+    return sum(mean(way.points) for way in _both(facing)) / 2
 
 
-def _chamfer(pair: Pair, options: Mapping[str, str]) -> float:
-    return sum(mean(way.points) for way in _both(pair)) / 2
-
-
-def _fscore(pair: Pair, options: Mapping[str, str]) -> float:
-    precise, complete = _both(pair)
+def _fscore(facing: Facing, options: Mapping[str, str]) -> float:
+    precise, complete = _both(facing)
     return fscore(precise.points, complete.points, float(options["threshold"].removesuffix("mm")))
 
 
-def _normal(pair: Pair, options: Mapping[str, str]) -> float:
-    return sum(mean(way.angles) for way in _both(pair)) / 2
+def _normal(facing: Facing, options: Mapping[str, str]) -> float:
+    return sum(mean(way.angles) for way in _both(facing)) / 2
 
 
-def _family(name: str, title: str, measure: Any, *terms: str, **others: Any) -> PairFamily:
+def _both(facing: Facing) -> tuple[Gaps, Gaps]:
+    return facing.from_prediction, facing.from_truth
+
+
+def _family(name: str, title: str, measure: Any, *terms: str, **others: Any) -> SurfaceFamily:
     """Errors in mm unless said otherwise, with what all of them share."""
     shared = {"higher_is_better": False, "unit": "mm", "decimals": 2, "perfect": 0.0}
     terms = ("align:none", *terms, f"points:{POINTS}", f"seed:{SEED}")
     needs = ("prediction_mesh", "truth_mesh")
-    return PairFamily(name=name, title=title, measure=measure, terms=terms, needs=needs, **{**shared, **others})
+    return SurfaceFamily(name=name, title=title, measure=measure, terms=terms, needs=needs, **{**shared, **others})
 
 
 MEAN = _family("surface-mean", "Surface mean", _mean, "from:truth")

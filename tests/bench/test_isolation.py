@@ -22,6 +22,9 @@ from handbench.bench.resolving import resolve
 from handbench.bench.run import run
 from handbench.bench.store import Store
 from handbench.errors import Changed, InputError
+from handbench.hand import known
+from handbench.hand.fitting.rig import Rig
+from handbench.hand.openhand import create
 from handbench.render.uv.atlas import Atlas
 from handbench.scene import Environment, Light, Viewpoint, leaves
 
@@ -133,6 +136,29 @@ def test_images_belong_to_who_asked_for_them(rogue, fakes, alone, toy_protocol, 
     run(toy_protocol(), methods=[ROGUE, "toy", "oracle"], out=tmp_path / "run")
     assert scores(tmp_path / "run", "toy") == alone
     assert {score["value"] for score in scores(tmp_path / "run", "oracle")} == {100.0}
+
+
+OF_THE_HAND = {
+    "its points": lambda hand: hand.points,
+    "its template": lambda hand: hand.template.shapes,
+    "weights it worked out": lambda hand: hand.weights(1),
+    "a surface it worked out": lambda hand: hand.topology(1).uvs,
+    "what fitting works out of it": lambda hand: Rig.of(hand, 0).weights,
+}
+
+
+@pytest.mark.parametrize("part", OF_THE_HAND)
+@pytest.mark.parametrize("call", ["train", "relight"])
+def test_who_changes_the_hand_model_is_named_and_harms_nobody(rogue, alone, toy_protocol, tmp_path, call, part):
+    known.forget("openhand")  # what a hand works out is first asked for by the rogue itself
+    hand = known.hand_model()
+    rogue(call, lambda _: spoil(OF_THE_HAND[part](hand)))
+    run(toy_protocol(), methods=[ROGUE, "toy"], out=tmp_path / "run")
+    assert scores(tmp_path / "run", "toy") == alone
+    assert reasons(tmp_path / "run", ROGUE) == {"changed what it was given: the hand model openhand"}
+    sound = create()
+    for array in OF_THE_HAND.values():
+        np.testing.assert_array_equal(array(hand), array(sound))
 
 
 def test_frames_share_what_the_originals_share(fakes, toy_protocol):

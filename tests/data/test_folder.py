@@ -171,9 +171,10 @@ def test_depth_and_key_points(folder: Path) -> None:
 
 def test_manos_parameters_need_their_convention(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from handbench.hand import hand_model
+    from handbench.hand.known import forget
 
     monkeypatch.setenv("HANDBENCH_MANO", str(syntheticmano.write(tmp_path / "mano")))
-    hand_model.cache_clear()
+    forget("mano-right", "mano-left")
     rng = np.random.default_rng(0)
     for path in (folder / "poses").iterdir():
         np.savez(path, hand_pose=rng.uniform(-0.1, 0.1, 45), global_orient=np.zeros(3), transl=[0, 0, 500.0],
@@ -193,7 +194,7 @@ def test_manos_parameters_need_their_convention(folder: Path, tmp_path: Path, mo
         assert np.abs(frame.pose.joints - (mean if flat == "false" else 0)).max() < 0.1
         assert frame.pose.translation[2] == pytest.approx(0.5 + 0.0062, abs=1e-3), "the wrist is at J_0 + transl"
         assert len(frame.mesh.vertices) == 778
-    hand_model.cache_clear()
+    forget("mano-right", "mano-left")
 
 
 def toml(old: str, new: str) -> Callable[[Path], None]:

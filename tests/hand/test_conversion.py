@@ -14,7 +14,7 @@ from handbench.data.exr import rgb, write_exr
 from handbench.data.pictures import read_picture
 from handbench.data.poses import read_poses, write_poses
 from handbench.errors import Unsupported
-from handbench.hand import HandModel, hand_model
+from handbench.hand import HandModel, hand_model, known
 from handbench.hand.conversion import _aligned, converted
 from handbench.hand.mano import ManoHand, create
 from handbench.hand.textures import converted_texture
@@ -104,7 +104,7 @@ def test_the_verbs_convert_there_and_back(
 ) -> None:
     if "HANDBENCH_MANO" not in os.environ:
         monkeypatch.setenv("HANDBENCH_MANO", str(syntheticmano.write(tmp_path / "mano")))
-    hand_model.cache_clear()
+    known.forget("mano-right", "mano-left")
     rng = np.random.default_rng(5)
     poses = [(placed(OPEN.sample_pose(rng, 0.6)), np.asarray(OPEN.neutral())) for _ in range(2)]
     write_poses(tmp_path / "open.npz", poses, OPEN)
@@ -133,4 +133,4 @@ def test_the_verbs_convert_there_and_back(
     asked = ["--to", "mano-right", "--size", "64", "--out", str(tmp_path / "made.exr")]
     assert main(["hand", "texture", str(texture), *asked]) == 0
     assert "surfaces are apart by" in capsys.readouterr().out and read_picture(tmp_path / "made.exr").image.any()
-    hand_model.cache_clear()
+    known.forget("mano-right", "mano-left")

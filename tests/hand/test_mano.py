@@ -141,10 +141,10 @@ def test_a_mesh_is_known_by_its_surface(hand: ManoHand, folder: Path, monkeypatc
     from handbench.hand import known
 
     monkeypatch.setenv("HANDBENCH_MANO", str(folder))
-    known.hand_model.cache_clear()
+    known.forget("mano-right", "mano-left")
     found, level = hand_of(hand.topology(0))
     assert found.name == hand.name and level == 0
-    known.hand_model.cache_clear()
+    known.forget("mano-right", "mano-left")
 
 
 def test_without_a_file_the_sentence_says_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

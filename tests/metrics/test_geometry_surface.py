@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from handbench.errors import InputError
 from handbench.hand.openhand import OpenHand
-from handbench.metrics import Pair, metric
+from handbench.metrics import Pair, Recent, metric, scores
 from handbench.metrics.geometry.surface import POINTS, Surface, gaps, surface_distances
 from handbench.scene import Array, Mesh, Pose, Topology
 
@@ -208,9 +208,32 @@ def test_the_triangulation_does_not_matter() -> None:
 def test_more_points_change_little() -> None:
     prediction, truth = hands()
     many = surface_distances(prediction, points_of(truth, 5 * POINTS, 1))
-    few = gaps(truth, prediction).points
+    few = gaps(Surface(truth), Surface(prediction)).points
     assert few.mean() == pytest.approx(many.mean(), rel=2e-3)
     assert np.percentile(few, 95) == pytest.approx(np.percentile(many, 95), rel=5e-3)
+
+
+def test_frames_of_one_pose_share_their_surfaces_whoever_read_the_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Mesh] = []
+    honest = Surface.__init__
+    monkeypatch.setattr(Surface, "__init__", lambda self, one: made.append(one) or honest(self, one))
+    bent, straight = hands()
+    other = moved(bent, Rotation.identity(), np.array([0.0, 0.0, 1e-3]))
+
+    def pair(prediction: Mesh, truth: Mesh) -> Pair:
+        read = (Mesh(each.vertices.copy(), each.topology) for each in (prediction, truth))
+        return Pair(PICTURE, PICTURE, MASK, **dict(zip(("prediction_mesh", "truth_mesh"), read, strict=True)))
+
+    asked = [metric(spec) for spec in SPECS]
+    pairs = [(bent, straight), (bent, straight), (other, straight), (bent, other), (bent, straight)]
+    recent = Recent()
+    rows = scores(asked, (pair(*each) for each in pairs[:2]), recent)
+    rows += scores(asked, (pair(*each) for each in pairs[2:]), recent)
+    assert len(made) == 2 * 3
+    assert rows == [scores(asked, [pair(*each)])[0] for each in pairs]
+    made.clear()
+    scores(asked, [pair(bent, straight)])
+    assert len(made) == 2, "nothing outlives who asked"
 
 
 def seeds_apart(prediction: Mesh, truth: Mesh) -> float:

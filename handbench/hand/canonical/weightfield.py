@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import torch
@@ -100,7 +99,6 @@ def skinning_weights(hand: HandModel, level: int) -> Array:
     return known
 
 
-@lru_cache(maxsize=4)
 def _neutral(hand: HandModel, spacing: float) -> WeightField:
-    """The field around a hand model's neutral shape; the last few are kept, as hand models are."""
-    return WeightField.of(hand, np.asarray(hand.neutral()), spacing)
+    """The field around a hand model's neutral shape, which it keeps."""
+    return hand.kept(("weight field", spacing), lambda: WeightField.of(hand, np.asarray(hand.neutral()), spacing))

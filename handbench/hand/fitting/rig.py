@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import scipy.sparse as sp
@@ -61,10 +60,9 @@ class Rig:
         self.turned = [j for j, parent in enumerate(hand.parents) if parent >= 0]
 
     @staticmethod
-    @lru_cache(maxsize=4)
     def of(hand: HandModel, level: int) -> Rig:
-        """The rig of a model; the last few are kept."""
-        return Rig(hand, level)
+        """The rig of a model, which keeps it."""
+        return hand.kept(("rig", level), lambda: Rig(hand, level))
 
     def at_rest(self, shape: Array) -> Array:
         """The rows (N, 3) of a shape (S,)."""

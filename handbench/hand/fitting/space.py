@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -35,22 +34,21 @@ class Space:
     pose_whitening: Array
 
     @staticmethod
-    @lru_cache(maxsize=4)
     def of(hand: HandModel, level: int) -> Space:
-        """The space of a model; the last few are kept."""
-        return _space(hand, Rig.of(hand, level))
+        """The space of a model, which keeps it."""
+        return hand.kept(("space", level), lambda: _space(hand, Rig.of(hand, level)))
 
     def shape(self, z: Array) -> Array:
         """The shape (S,) at coordinates (K,)."""
         return self.shape_mean + self.shape_basis @ z
 
-    @cached_property
-    def _by_shape(self) -> Array:
-        return self.rig.along(self.shape_mean, self.shape_basis)
-
     def rest(self, z: Array) -> Rest:
         """The rows of the rig at rest. How they move with z is told for the mean shape: shapes are nearly linear."""
-        return Rest(self.rig.at_rest(self.shape(z)), self._by_shape)
+        return Rest(self.rig.at_rest(self.shape(z)), self._by_shape())
+
+    def _by_shape(self) -> Array:
+        rig = self.rig
+        return rig.hand.kept(("rows by shape", rig.level), lambda: rig.along(self.shape_mean, self.shape_basis))
 
     def still(self, z: Array) -> Rest:
         """The same, where the shape stays."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -151,7 +150,7 @@ class ManoHand(HandModel):
 
     def topology(self, level: int) -> Topology:
         self._level(level)
-        return self._topology
+        return self.kept("topology", lambda: unwrapped(self.file.faces, self._layout))
 
     def edges(self) -> Array:
         return np.concatenate([self.file.faces[:, [i, (i + 1) % 3]] for i in range(3)])
@@ -161,10 +160,6 @@ class ManoHand(HandModel):
         if vertices.ndim != 2 or len(vertices) != 778:
             raise InputError(f"subdivide: vertices have shape {tuple(vertices.shape)}, expected (778, n)")
         return vertices
-
-    @cached_property
-    def _topology(self) -> Topology:
-        return unwrapped(self.file.faces, self._layout)
 
     def _level(self, level: int) -> None:
         if level != 0:

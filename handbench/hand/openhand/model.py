@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -14,6 +13,7 @@ from ...errors import InputError, unknown_name
 from ...scene import Pose, Topology
 from .. import subdivision
 from ..handmodel import HandModel, Side, vector
+from ..known import hand_model
 from ..skinning import proportion
 from .anatomy import bone_ends, joint_frames, joint_limits
 from .identity import Identity
@@ -48,13 +48,11 @@ class OpenHand(HandModel):
         self.ends = bone_ends(template)
         self.frames = joint_frames(template)
         self.limits: NDArray[Any] = joint_limits(names)
-        self._cache: dict[Any, Any] = {}
 
     @staticmethod
-    @functools.cache
     def load() -> OpenHand:
-        """The open hand in the package (one shared object)."""
-        return OpenHand(load_template())
+        """The open hand in the package: the one shared object, see `handbench.hand.hand_model`."""
+        return cast(OpenHand, hand_model("openhand"))
 
     # -- identities ---------------------------------------------------------------------------------------------
 
@@ -125,7 +123,7 @@ class OpenHand(HandModel):
                 uvs, quads = step.matrix @ uvs, step.quads
             return Topology(subdivision.triangles(self.quads(level)), uvs, subdivision.triangles(quads))
 
-        return self._cached(("topology", self._level(level)), build)
+        return self.kept(("topology", self._level(level)), build)
 
     def quads(self, level: int) -> NDArray[Any]:
         """Quads (4^level Q, 4) of a level."""
@@ -153,20 +151,15 @@ class OpenHand(HandModel):
 
     # -- inner workings -----------------------------------------------------------------------------------------
 
-    def _cached(self, key: Any, build: Any) -> Any:
-        if key not in self._cache:
-            self._cache[key] = build()
-        return self._cache[key]
-
     def _tensor(self, name: str, dtype: torch.dtype) -> Tensor:
-        return self._cached((name, dtype), lambda: torch.tensor(getattr(self.template, name), dtype=dtype))
+        return self.kept((name, dtype), lambda: torch.tensor(getattr(self.template, name), dtype=dtype))
 
     def _step(self, level: int) -> subdivision.Step:
         def build() -> subdivision.Step:
             quads = self.quads(level - 1)
             return subdivision.catmull_clark(quads, int(quads.max()) + 1)
 
-        return self._cached(("step", level), build)
+        return self.kept(("step", level), build)
 
     def _matrix(self, level: int, dtype: torch.dtype, device: torch.device) -> Tensor:
         def build() -> Tensor:
@@ -176,7 +169,7 @@ class OpenHand(HandModel):
             made = torch.sparse_coo_tensor(index, values, matrix.shape, check_invariants=False)
             return made.coalesce().to(device)
 
-        return self._cached(("matrix", level, dtype, device), build)
+        return self.kept(("matrix", level, dtype, device), build)
 
     def _subdivided(self, name: str, level: int, values: NDArray[Any]) -> NDArray[Any]:
         def build() -> NDArray[Any]:
@@ -186,7 +179,7 @@ class OpenHand(HandModel):
             fine.flags.writeable = False
             return fine
 
-        return self._cached(("map", name, self._level(level)), build)
+        return self.kept(("map", name, self._level(level)), build)
 
     def _level(self, level: int) -> int:
         if not 0 <= level <= self.levels:
@@ -207,5 +200,5 @@ NAMED_SPREAD = {
 
 
 def create() -> OpenHand:
-    """The open hand, as the table of hand models names it."""
-    return OpenHand.load()
+    """The open hand, as the table of hand models names it; one of one's own."""
+    return OpenHand(load_template())

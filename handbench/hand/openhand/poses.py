@@ -7,7 +7,7 @@ import numpy as np
 from ...errors import InputError, unknown_name
 from ...scene import Pose
 from .anatomy import joint_limits
-from .template import FINGERS, load_template
+from .template import FINGERS, joint_names
 
 Angles = tuple[float, float, float]  # degrees from the rest pose: flexion, twist, abduction
 
@@ -66,7 +66,7 @@ def named_pose(name: str) -> Pose:
     """The pose of this name, placed at the origin: rest, open, fist, point or pinch; `InputError` for other names."""
     if name not in NAMED:
         raise unknown_name("pose", name, NAMED)
-    angles = [NAMED[name].get(joint, (0.0, 0.0, 0.0)) for joint in load_template().joint_names]
+    angles = [NAMED[name].get(joint, (0.0, 0.0, 0.0)) for joint in joint_names()]
     return Pose(np.radians(np.array(angles, dtype=np.float64)))
 
 
@@ -79,7 +79,7 @@ def sample_pose(rng: np.random.Generator, amount: float = 1.0) -> Pose:
     """
     if not 0 <= amount <= 1:
         raise InputError(f"sample_pose: amount {amount} is not in 0…1")
-    names = load_template().joint_names
+    names = joint_names()
     degrees = np.zeros((len(names), 3))
 
     def put(joint: str, *angles: float) -> None:

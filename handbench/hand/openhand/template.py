@@ -42,8 +42,13 @@ class Template:
 
 
 @functools.cache
+def joint_names() -> tuple[str, ...]:
+    """The joints, in the order of poses."""
+    return load_template().joint_names
+
+
 def load_template() -> Template:
-    """The template in the package; arrays are shared and read-only."""
+    """The template in the package, read anew; its arrays are read-only."""
     with importlib.resources.files(__package__).joinpath("template.npz").open("rb") as file:
         data = dict(np.load(file))
     real = {
