@@ -8,11 +8,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import open3d
 import torch
-from open3d.t.geometry import RaycastingScene
 from torch import Tensor
 
+from handbench.lean import open3d
 from handbench.light.stage import stage_directions
 from handbench.methods.palm.scattering import Scattering
 from handbench.methods.palm.visibility import BODY_SCALE, HAND_SCALE, DensityOccluder, March, MeshOccluder
@@ -26,7 +25,7 @@ FOOT = 5e-4
 
 def missed(where: Scattering, mesh: PosedMesh, march: March) -> tuple[float, float]:
     """Of directions that the mesh hides the share that a march sees at more than a half; and the other way round."""
-    scene, tensor = RaycastingScene(), open3d.core.Tensor
+    scene, tensor = open3d().t.geometry.RaycastingScene(), open3d().core.Tensor
     faces = np.ascontiguousarray(mesh.topology.faces, dtype=np.uint32)
     scene.add_triangles(tensor.from_numpy(mesh.vertices.astype(np.float32)), tensor.from_numpy(faces))
 

@@ -30,11 +30,12 @@ from handbench.bench.plan import make_plan
 from handbench.bench.run import find_protocol
 from handbench.cli import main
 from handbench.data.openstage.capture import OpenCapture
+from handbench.lean import open3d
 
 Strike: TypeAlias = Callable[[int], None]
 PRELOADED = (
-    *("torch._dynamo", "handbench.bench.cell", "handbench.methods.mean", "handbench.methods.urhand"),
-    *("handbench.reports.page", "handbench.reports.curves", "handbench.metrics.ssim", "scipy.stats", "open3d", "jax"),
+    *("handbench.bench.cell", "handbench.methods.mean", "handbench.methods.urhand"),
+    *("handbench.reports.page", "handbench.reports.curves", "handbench.metrics.ssim", "scipy.stats", "jax"),
 )
 
 
@@ -143,6 +144,7 @@ def born(folder: str, moment: str, count: int, arguments: list[str]) -> int:
 if __name__ == "__main__":
     for name in PRELOADED:
         importlib.import_module(name)
+    open3d()
     make_plan(find_protocol("smoke"), "")  # what modules hold is remembered
     warnings.filterwarnings("ignore", r"os\.fork\(\) was called", RuntimeWarning)  # of JAX, which has no thread yet
     threads = len(list(Path("/proc/self/task").iterdir()))

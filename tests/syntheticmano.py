@@ -81,7 +81,9 @@ def arrays(side: str = "right") -> dict[str, np.ndarray]:
 
 def _surface(hand: OpenHand) -> tuple[np.ndarray, np.ndarray]:
     """The open hand with MANO's numbers of vertices and triangles, in MANO's axes, wrist at the origin."""
-    import open3d as o3d
+    from handbench.lean import open3d
+
+    o3d = open3d()
 
     faces = hand.topology(0).faces
     faces = faces[(hand.rest_position(0)[faces][..., 1] > -0.02).all(axis=1)]  # MANO is open at the wrist

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
+from ..lean import open3d
 from ..scene import Pose
 from .handmodel import HandModel
 
@@ -80,8 +81,7 @@ def _cap(patch: NDArray[Any], across: NDArray[Any], faces: NDArray[Any], vertice
 
 
 def _scene(vertices: NDArray[Any], faces: NDArray[Any]) -> Any:
-    import open3d as o3d
-
+    o3d = open3d()
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(
         o3d.core.Tensor.from_numpy(vertices.astype(np.float32)), o3d.core.Tensor.from_numpy(faces.astype(np.uint32))
@@ -91,8 +91,7 @@ def _scene(vertices: NDArray[Any], faces: NDArray[Any]) -> Any:
 
 def _winding(vertices: NDArray[Any], faces: NDArray[Any], points: NDArray[Any], rays: NDArray[Any]) -> NDArray[Any]:
     """(N,) how often a closed surface encloses each point: the signed count of walls its ray (N, 3) crosses."""
-    import open3d as o3d
-
+    o3d = open3d()
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     query = o3d.core.Tensor.from_numpy(np.concatenate([points, rays], axis=1).astype(np.float32))
@@ -114,8 +113,7 @@ def penetration(hand: HandModel, vertices: NDArray[Any]) -> Penetration:
 
 def _depths(hand: HandModel, vertices: NDArray[Any]) -> Iterator[NDArray[Any]]:
     """How deep the vertices of one part after another are in parts that are not its neighbours."""
-    import open3d as o3d
-
+    o3d = open3d()
     level = min(LEVEL, hand.levels)
     fine = hand.subdivide(torch.tensor(vertices), level).numpy()
     faces = hand.topology(level).faces.astype(np.int64)

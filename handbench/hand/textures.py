@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from ..errors import InputError
+from ..lean import open3d
 from ..render.uv.atlas import Atlas
 from ..scene import Array, Mesh
 from .conversion import converted
@@ -53,11 +54,9 @@ def converted_texture(texture: Array, source: HandModel, target: HandModel, size
 
 def _nearest(mesh: Mesh, points: Array) -> tuple[Array, Array, Array]:
     """Face, barycentric coordinates (N, 3) and distance of the nearest point of a mesh to each point (N, 3)."""
-    import open3d.core
-    from open3d.t.geometry import RaycastingScene
-
-    scene, middle = RaycastingScene(), mesh.vertices.mean(axis=0)
-    tensor = open3d.core.Tensor.from_numpy
+    o3d = open3d()
+    scene, middle = o3d.t.geometry.RaycastingScene(), mesh.vertices.mean(axis=0)
+    tensor = o3d.core.Tensor.from_numpy
     scene.add_triangles(
         tensor((mesh.vertices - middle).astype(np.float32)), tensor(mesh.topology.faces.astype(np.uint32))
     )

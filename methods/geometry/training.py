@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from handbench.hand import HandModel
+from handbench.lean import open3d
 from handbench.method import Progress, Recording
 from handbench.scene import Array, Camera, needed
 
@@ -109,8 +110,7 @@ class Lesson:
 
 def closest(vertices: Tensor, faces: Array, points: Tensor) -> Tensor:
     """The point of a surface nearest to each of points (N, 3), as a function of its vertices (V, 3)."""
-    import open3d as o3d
-
+    o3d = open3d()
     scene = o3d.t.geometry.RaycastingScene()
     tensor = o3d.core.Tensor.from_numpy
     scene.add_triangles(tensor(vertices.detach().cpu().numpy()), tensor(faces.astype(np.uint32)))

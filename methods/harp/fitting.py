@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 import torch
@@ -22,6 +21,7 @@ from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.unwrap import TexelSurface
 from handbench.scene import Array, Mesh
 
+from ..kit.adam import Adam
 from ..kit.colourspace import to_display
 from ..kit.crop import Crop
 from ..kit.enrolled import Enrolled
@@ -31,6 +31,7 @@ from . import losses
 from .config import HarpConfig
 from .look import AMBIENT, LIGHT, SKIN, Look, shade
 from .picture import FittedCrop, PixelSamples
+from .plateau import Plateau
 from .shadow import visibility
 from .start import lit_from
 from .surface import HandSurface, mapped
@@ -84,10 +85,8 @@ class _Fit:
         config, total = self.config, sum(self.config.steps)
         geometry = [self.z, self.offset, *(part for picture in self.pictures for part in picture.unknowns)]
         appearance = [self.light, self.ambient, self.albedo, self.normal_map]
-        shaping = torch.optim.Adam(geometry, config.rate)
-        painting = torch.optim.Adam(appearance, config.appearance_rate)
-        falling = torch.optim.lr_scheduler.LambdaLR(painting, partial(_falling, self.config))
-        plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(shaping, patience=_PATIENCE)
+        shaping, plateau = Adam(geometry, config.rate), Plateau(config.rate, _PATIENCE)
+        painting = Adam(appearance, config.appearance_rate)
         with torch.no_grad():
             self._edges = self.surface.lengths(self._vertices(self.pictures[0]))
             for picture in self.pictures:
@@ -99,7 +98,7 @@ class _Fit:
             if step == config.steps[0] and config.start == "seen":
                 self._start_from_what_is_seen()
             for optimiser in (shaping, painting):
-                optimiser.zero_grad(set_to_none=True)
+                optimiser.forget()
             count = min(config.batch, len(self.pictures))
             value = 0.0
             for _ in range(count):
@@ -111,11 +110,11 @@ class _Fit:
             if shapes:
                 shaping.step()
             if paints:
+                painting.rate = config.appearance_rate * _falling(config, step - config.steps[0])
                 painting.step()
-                falling.step()
             told.append(value)
             if shapes and (step + 1) % epoch == 0:
-                plateau.step(float(np.mean(told[-epoch:])))
+                shaping.rate = plateau.after(float(np.mean(told[-epoch:])))
             if (step + 1) % _TELL == 0 or step + 1 == total:
                 progress(step + 1, total, loss=float(np.mean(told[-_TELL:])))
         return self._look()

@@ -18,7 +18,9 @@ from handbench.errors import StorageError
 from handbench.files import whole
 from handbench.terminal import complain
 
-Part: TypeAlias = tuple[nn.Module, torch.optim.Optimizer]
+from .adam import Adam
+
+Part: TypeAlias = tuple[nn.Module, Adam]
 T = TypeVar("T")
 
 EVERY = 30.0
@@ -45,9 +47,9 @@ class Checkpoint:
     def write(self, about: Mapping[str, Any]) -> None:
         """Keep the state. Raises `StorageError` if it cannot be written."""
         tensors: dict[str, Tensor] = {}
-        for name, (module, optimiser) in self._parts.items():
+        for name, (module, adam) in self._parts.items():
             tensors |= {f"{name}/{key}": value for key, value in module.state_dict().items()}
-            for index, moments in optimiser.state_dict()["state"].items():
+            for index, moments in adam.moments.items():
                 tensors |= {f"{name}/adam/{index}/{key}": value for key, value in moments.items()}
         tensors = {name: value.contiguous() for name, value in tensors.items()}
         told = json.dumps({**about, "seconds": self._earlier + time.monotonic() - self._start})
@@ -86,9 +88,9 @@ class Checkpoint:
         if not all(value.isfinite().all() for value in tensors.values()):
             raise ValueError("it holds NaN or infinity")
         states = [_state(name, *part, tensors) for name, part in self._parts.items()]  # before anything is changed
-        for (module, optimiser), (weights, moments) in zip(self._parts.values(), states, strict=True):
+        for (module, adam), (weights, moments) in zip(self._parts.values(), states, strict=True):
             module.load_state_dict(weights)
-            optimiser.load_state_dict({**optimiser.state_dict(), "state": moments})
+            adam.moments = moments
         self._earlier = earlier
         self._kept.earlier_s += earlier
         return parsed
@@ -103,7 +105,7 @@ def _digest(about: str, tensors: Mapping[str, Tensor]) -> str:
 
 
 def _state(
-    name: str, module: nn.Module, optimiser: torch.optim.Optimizer, tensors: Mapping[str, Tensor]
+    name: str, module: nn.Module, adam: Adam, tensors: Mapping[str, Tensor]
 ) -> tuple[dict[str, Tensor], dict[int, dict[str, Tensor]]]:
     """The weights of a part, and its optimiser's state by the parameter's number. `KeyError` if they do not fit.
 
@@ -118,8 +120,10 @@ def _state(
         head, _, kind = key.rpartition("/")
         if head.startswith(f"{name}/adam/"):
             moments.setdefault(int(head.rpartition("/")[2]), {})[kind] = value
-    parameters = dict(enumerate(optimiser.param_groups[0]["params"]))
+    parameters = dict(enumerate(adam.parameters))
     for index, kept in moments.items():
-        if any(kept[kind].shape != parameters[index].shape for kind in ("exp_avg", "exp_avg_sq")):
+        shape = parameters[index].shape
+        if {kind: value.shape for kind, value in kept.items()} != {"step": (), "exp_avg": shape, "exp_avg_sq": shape}:
             raise KeyError(f"{name}/adam/{index}")
+        moments[index] = {kind: value.to(parameters[index].device) for kind, value in kept.items()}
     return weights, moments

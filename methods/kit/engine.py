@@ -22,6 +22,7 @@ from handbench.memory import keep_freed_memory
 from handbench.method import Progress
 from handbench.scene import Array
 
+from .adam import Adam
 from .checkpoint import Checkpoint
 
 Losses: TypeAlias = Callable[[int, np.random.Generator], Mapping[str, Tensor]]
@@ -74,8 +75,8 @@ class _Optimiser:
     def __init__(self, player: Player, budget: Budget) -> None:
         self._parameters = player.parameters
         self._aliases = [nn.Parameter(_in_memory_order(p.detach())) for p in self._parameters]
-        self.adam = torch.optim.Adam(self._aliases, lr=budget.rate[0], betas=budget.betas, fused=True)
-        self.adam.found_inf = torch.zeros(())  # type: ignore[attr-defined]
+        self.adam = Adam(self._aliases, budget.rate[0], budget.betas, fused=True)
+        self._excess: Tensor
 
     def forget(self) -> None:
         for parameter in self._parameters:
@@ -87,12 +88,12 @@ class _Optimiser:
             alias.grad = None if parameter.grad is None else _in_memory_order(parameter.grad)
         norm = torch.nn.utils.get_total_norm([alias.grad for alias in self._aliases if alias.grad is not None])
         # by the kernel that reads the gradient anyway: clip_grad_norm_ is one more pass over all of memory
-        self.adam.grad_scale = (norm / _CLIP).clamp_min(1.0)  # type: ignore[attr-defined]
+        self._excess = (norm / _CLIP).clamp_min(1.0)
         return float(norm)
 
     def step(self, rate: float) -> None:
-        self.adam.param_groups[0]["lr"] = rate
-        self.adam.step()
+        self.adam.rate = rate
+        self.adam.step(self._excess)
 
 
 def _in_memory_order(values: Tensor) -> Tensor:

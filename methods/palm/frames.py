@@ -13,6 +13,7 @@ from torch import Tensor
 from handbench.errors import Unsupported
 from handbench.hand import HandModel
 from handbench.hand.canonical import skinning_weights
+from handbench.lean import open3d
 from handbench.method import Recording
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.scene import Array, Camera, Frame, Mesh, Observation, Pose, needed
@@ -63,9 +64,6 @@ class Bank:
     @staticmethod
     def of(mesh: Mesh, rng: np.random.Generator) -> Bank:
         """Around a closed mesh, evenly by area."""
-        import open3d.core
-        from open3d.t.geometry import RaycastingScene
-
         faces = mesh.topology.faces
         corners = mesh.vertices[faces]
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -78,8 +76,8 @@ class Bank:
         spread = np.resize(_SPREAD, _BANK - _BANK // 2)[:, None]
         points[_BANK // 2 :] += spread * rng.standard_normal((len(spread), 3))
         centre = points.mean(axis=0)  # float32 is for near the origin
-        tensor = open3d.core.Tensor
-        scene = RaycastingScene()
+        o3d = open3d()
+        tensor, scene = o3d.core.Tensor, o3d.t.geometry.RaycastingScene()
         scene.add_triangles(
             tensor.from_numpy((mesh.vertices - centre).astype(np.float32)),
             tensor.from_numpy(np.ascontiguousarray(faces, dtype=np.uint32)),

@@ -19,6 +19,7 @@ from handbench.method import Progress
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.scene import Array
 
+from ..kit.adam import Adam
 from ..kit.colourspace import to_display
 from ..kit.crop import Crop
 from ..kit.enrolled import Enrolled
@@ -140,7 +141,7 @@ class _Fitter:
         fit = self.fit
         lights = [] if fit.light == "fixed" else [*self._light.parameters()]
         moved = {"codes": self._coefficients, "pose": self._moves[1:], "shape": self._moves[:1], "light": lights}
-        adam = torch.optim.Adam([{"name": name, "params": some} for name, some in moved.items() if some])
+        adams = {name: Adam(some, 0.0) for name, some in moved.items() if some}
         for step in range(fit.steps):
             lit = step >= fit.lit_from * fit.steps
             if step % fit.rebuild == 0:
@@ -150,22 +151,22 @@ class _Fitter:
             left = 1.0 - fit.falling * step / fit.steps
             rates = fit.rates
             rate = {"codes": rates.code, "pose": rates.pose, "shape": rates.shape, "light": rates.light * lit}
-            for group in adam.param_groups:
-                group["lr"] = rate[group["name"]] * left
-            adam.zero_grad()
+            for name, adam in adams.items():
+                adam.rate = rate[name] * left
+                adam.forget()
             losses = self._losses(lit)
             loss = torch.stack([*losses.values()]).sum()
             if not bool(loss.detach().isfinite()):
                 bad = next(name for name, value in losses.items() if not bool(value.detach().isfinite()))
                 raise NonFinite(f"palm-net: {bad} of step {step + 1} of a fit is not finite; lower the rates")
             loss.backward()
-            for group in adam.param_groups:
-                if any(u.grad is not None and not bool(u.grad.isfinite().all()) for u in group["params"]):
+            for name, adam in adams.items():
+                if any(u.grad is not None and not bool(u.grad.isfinite().all()) for u in adam.parameters):
                     raise NonFinite(
-                        f"palm-net: the gradient to {group['name']} in step {step + 1} of a fit is not finite; "
-                        "lower the rates"
+                        f"palm-net: the gradient to {name} in step {step + 1} of a fit is not finite; lower the rates"
                     )
-            adam.step()
+            for adam in adams.values():
+                adam.step()
             if (step + 1) % _TELL == 0 or step + 1 == fit.steps:
                 values = {name: float(value.detach()) for name, value in losses.items()}
                 progress(step + 1, fit.steps, loss=float(loss.detach()), **values)

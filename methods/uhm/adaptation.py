@@ -18,6 +18,7 @@ from handbench.render.uv.atlas import Atlas
 from handbench.render.uv.unwrap import TexelSurface
 from handbench.scene import Array, Mesh, Pose
 
+from ..kit.adam import Adam
 from ..kit.colourspace import to_display, to_model
 from ..kit.crop import Crop
 from ..kit.enrolled import Enrolled, PosedPicture
@@ -122,9 +123,9 @@ class _Adaptation:
         weights = self.config.weights
         mean = torch.cat([p.colour[:, p.seen] for p in self.pictures], dim=1).mean(dim=1)
         raw = torch.full((len(self.pictures), self.atlas.count), _START, requires_grad=True)
-        adam = torch.optim.Adam([raw], self.config.shadow_rate)
+        adam = Adam([raw], self.config.shadow_rate)
         for step in range(self.config.shadow_steps):
-            adam.zero_grad()
+            adam.forget()
             shadow = torch.sigmoid(raw)
             loss = self._weight * self._variation(shadow)
             loss = loss + weights.bright * torch.nn.functional.softplus(-raw).mean()  # BCE with a target of one
@@ -167,12 +168,12 @@ class _Adaptation:
     def _refined(self, texture: Tensor, shadows: Tensor, total: int, progress: Progress) -> Tensor:
         """The texture (3, N) after its refinement."""
         texture = texture.clone().requires_grad_()
-        adam = torch.optim.Adam([texture], self.config.refine_rate)
+        adam = Adam([texture], self.config.refine_rate)
         right, _, up, _ = self.atlas.neighbours(texture.device)
         unseen = ~self.seen.any(dim=0)
         order, steps = self._order(), self.config.refine_steps
         for step in range(steps):
-            adam.zero_grad()
+            adam.forget()
             which = next(order)
             drawn = self._drawn(self.pictures[which], texture * shadows[which])
             loss = self.config.weights.refined * self._picture_loss(self.pictures[which], drawn)
@@ -180,7 +181,7 @@ class _Adaptation:
                 loss = loss + self._weight * (unseen * (texture.index_select(1, other) - texture) ** 2).mean()
             _checked(loss, step)
             loss.backward()
-            adam.param_groups[0]["lr"] = self.config.refine_rate * (1.0 - self.config.decay * step / steps)
+            adam.rate = self.config.refine_rate * (1.0 - self.config.decay * step / steps)
             adam.step()
             _tell(progress, self.config.shadow_steps + step + 1, total, loss)
         return texture.detach().clamp_min(0.0)

@@ -29,6 +29,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from handbench.errors import HandbenchError, InputError, Unsupported
+from handbench.lean import open3d
 from handbench.render.uv.surface import vertex_normals
 from handbench.scene import Array, Mesh
 
@@ -98,8 +99,7 @@ class Surface:
     @cached_property
     def _embree(self) -> tuple[Any, Any, Array]:
         """What answers, how it is asked, and the middle that it works around, in float32."""
-        import open3d as o3d
-
+        o3d = open3d()
         scene, tensor, middle = o3d.t.geometry.RaycastingScene(), o3d.core.Tensor.from_numpy, self.corners.mean(axis=0)
         scene.add_triangles(tensor((self.vertices - middle).astype(np.float32)), tensor(self.faces.astype(np.uint32)))
         return scene, tensor, middle

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
-import open3d
 import torch
 from torch import Tensor
 
+from handbench.lean import open3d
 from handbench.methods.palm.reflectance import Material
 from handbench.scene import Mesh, Topology
 
@@ -44,7 +44,7 @@ class Ball:
         return (0.5 + 0.5 * sdf.sign() * torch.expm1(-sdf.abs() / FOOT)) / FOOT
 
     def surface(self, spacing: float) -> SimpleNamespace:
-        made = open3d.geometry.TriangleMesh.create_sphere(RADIUS, resolution=60)
+        made = open3d().geometry.TriangleMesh.create_sphere(RADIUS, resolution=60)
         canonical = np.asarray(made.vertices)
         mesh = Mesh(canonical + self.middle.detach().double().numpy(), Topology(np.asarray(made.triangles)))
         return SimpleNamespace(mesh=mesh, canonical=torch.from_numpy(canonical).float())

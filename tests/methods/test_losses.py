@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from handbench.methods.kit import alexnet
+from handbench.methods.kit.adam import Adam
 from handbench.methods.kit.discriminator import Discriminator, discriminator_loss, generator_loss
 from handbench.methods.kit.perceptual import PATCH, patch, perceptual_loss
 from handbench.metrics import networks
@@ -59,7 +60,7 @@ def test_a_light_aware_discriminator_learns_whether_a_picture_fits_its_light() -
     def accuracy(conditions: int) -> float:
         torch.manual_seed(0)
         judge = Discriminator(conditions)
-        optimiser = torch.optim.Adam(judge.parameters(), lr=2e-3)
+        optimiser = Adam(judge.parameters(), 2e-3)
         right = 0.0
         for step in range(60):
             light, other = torch.rand(2, 8, 2, 1, 1).expand(2, 8, 2, 32, 32)
@@ -67,7 +68,7 @@ def test_a_light_aware_discriminator_learns_whether_a_picture_fits_its_light() -
             condition = light if conditions else None
             scores = [judge(picture, condition) for picture in (real, fake)]
             loss = discriminator_loss(*scores)
-            optimiser.zero_grad()
+            optimiser.forget()
             loss.backward()
             optimiser.step()
             if step >= 50:

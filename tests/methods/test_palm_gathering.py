@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import open3d
 import pytest
 import torch
 from torch import Tensor
 
 from handbench.errors import InputError, Unsupported
+from handbench.lean import open3d
 from handbench.light.stage import stage_directions
 from handbench.methods.palm.gathering import Gatherer, Gathering
 from handbench.methods.palm.reflectance import Material, coloured, responses
@@ -33,7 +33,7 @@ FOOT = 4e-4  # width of the density's rise
 
 def finger() -> PosedMesh:
     """A cylinder along z, of a finger's thickness."""
-    made = open3d.geometry.TriangleMesh.create_cylinder(RADIUS, 0.2, resolution=96, split=4)
+    made = open3d().geometry.TriangleMesh.create_cylinder(RADIUS, 0.2, resolution=96, split=4)
     vertices = np.asarray(made.vertices) + np.array([0.0, HEIGHT, 0.0])
     return PosedMesh(Mesh(vertices, Topology(np.asarray(made.triangles))))
 

@@ -7,13 +7,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import open3d.core
 import pytest
 import torch
-from open3d.t.geometry import RaycastingScene
 
 from handbench.errors import InputError
 from handbench.hand.openhand import OpenHand
+from handbench.lean import open3d
+from handbench.methods.kit.adam import Adam
 from handbench.methods.palm import create, method, posed
 from handbench.methods.palm.method import PalmAvatar, PalmPrior
 from handbench.methods.palm.model import PalmModel
@@ -37,19 +37,19 @@ def prior() -> PalmPrior:
     torch.manual_seed(0)
     model = PalmModel(SMOKE.prior, HAND, 3)
     field = model.field
-    scene, tensor = RaycastingScene(), open3d.core.Tensor
+    scene, tensor = open3d().t.geometry.RaycastingScene(), open3d().core.Tensor
     faces = np.ascontiguousarray(HAND.topology(field.level).faces, dtype=np.uint32)
     scene.add_triangles(tensor.from_numpy(field.rest.numpy()), tensor.from_numpy(faces))
     shape, joints = torch.tensor(np.asarray(HAND.neutral())).float(), torch.zeros(len(HAND.parents), 3)
     with torch.no_grad():
         model.pose.weight.zero_()
-    adam, rng = torch.optim.Adam(model.geometry_field.parameters(), 1e-2), np.random.default_rng(0)
+    adam, rng = Adam(model.geometry_field.parameters(), 1e-2), np.random.default_rng(0)
     for _ in range(150):
         places = field.rest.numpy()[rng.integers(len(field.rest), size=600)] + rng.normal(0.0, 4e-3, (600, 3))
         places = places.astype(np.float32)
         distance = torch.from_numpy(scene.compute_signed_distance(tensor.from_numpy(places)).numpy())
         found = model.geometry(torch.from_numpy(places), model.conditions(model.codes(0), shape, joints))
-        adam.zero_grad()
+        adam.forget()
         ((found.sdf - distance) / 5e-3).abs().mean().backward()
         adam.step()
     return PalmPrior("palm-net", SMOKE, model.requires_grad_(False))

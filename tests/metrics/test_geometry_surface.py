@@ -6,13 +6,13 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-import open3d as o3d
 import pymeshlab
 import pytest
 from scipy.spatial.transform import Rotation
 
 from handbench.errors import InputError
 from handbench.hand.openhand import OpenHand
+from handbench.lean import open3d
 from handbench.metrics import Pair, Recent, metric, scores
 from handbench.metrics.geometry.surface import POINTS, Surface, gaps, surface_distances
 from handbench.scene import Array, Mesh, Pose, Topology
@@ -27,7 +27,7 @@ def mesh(vertices: Array, faces: Array) -> Mesh:
 
 
 def sphere(radius: float, resolution: int = 60) -> Mesh:
-    made = o3d.geometry.TriangleMesh.create_sphere(radius, resolution)
+    made = open3d().geometry.TriangleMesh.create_sphere(radius, resolution)
     return mesh(np.asarray(made.vertices), np.asarray(made.triangles))
 
 
@@ -148,13 +148,13 @@ def test_distances_over_the_surface_are_pymeshlabs() -> None:
 def test_scores_are_open3ds() -> None:
     """Its chamfer is the sum of both means; its F-score is a percentage; its distances are to sampled points."""
     prediction, truth = hands()
-    of = o3d.t.geometry.TriangleMesh
+    of = open3d().t.geometry.TriangleMesh
     one, other = (
-        of(o3d.core.Tensor(m.vertices.astype(np.float32)), o3d.core.Tensor(m.topology.faces.astype(np.int32)))
+        of(open3d().core.Tensor(m.vertices.astype(np.float32)), open3d().core.Tensor(m.topology.faces.astype(np.int32)))
         for m in (prediction, truth)
     )
-    kinds = o3d.t.geometry.Metric
-    parameters = o3d.t.geometry.MetricParameters(fscore_radius=[0.001, 0.002, 0.005], n_sampled_points=100_000)
+    kinds = open3d().t.geometry.Metric
+    parameters = open3d().t.geometry.MetricParameters(fscore_radius=[0.001, 0.002, 0.005], n_sampled_points=100_000)
     wanted = [kinds.ChamferDistance, kinds.HausdorffDistance, kinds.FScore]
     chamfer, hausdorff, *shares = one.compute_metrics(other, wanted, parameters).numpy()
     assert score("chamfer", prediction, truth) == pytest.approx(500 * chamfer, rel=0.02)
@@ -166,7 +166,7 @@ def test_scores_are_open3ds() -> None:
 def test_distances_are_those_of_a_dense_cloud() -> None:
     prediction, truth = hands()
     points, dense = points_of(truth, 500, 3), points_of(prediction, 400_000, 0)
-    clouds = [o3d.geometry.PointCloud(o3d.utility.Vector3dVector(p)) for p in (points, dense)]
+    clouds = [open3d().geometry.PointCloud(open3d().utility.Vector3dVector(p)) for p in (points, dense)]
     to_points = 1e3 * np.asarray(clouds[0].compute_point_cloud_distance(clouds[1]))
     to_surface = surface_distances(prediction, points)
     assert (to_surface <= to_points + 1e-4).all()
@@ -196,10 +196,14 @@ def test_samples_are_even_on_the_surface_and_repeat() -> None:
 
 def test_the_triangulation_does_not_matter() -> None:
     prediction, truth = hands()
-    made = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(prediction.vertices.copy()),
-        o3d.utility.Vector3iVector(prediction.topology.faces.copy()),
-    ).subdivide_midpoint(1)
+    made = (
+        open3d()
+        .geometry.TriangleMesh(
+            open3d().utility.Vector3dVector(prediction.vertices.copy()),
+            open3d().utility.Vector3iVector(prediction.topology.faces.copy()),
+        )
+        .subdivide_midpoint(1)
+    )
     finer = mesh(np.asarray(made.vertices), np.asarray(made.triangles))
     for spec in ("surface-mean", "surface-p95", "hausdorff", "chamfer", "fscore"):
         assert score(spec, finer, truth) == pytest.approx(score(spec, prediction, truth), rel=0.01), spec

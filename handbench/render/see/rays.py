@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...lean import open3d
 from ...scene import Array
 
 
@@ -32,11 +33,9 @@ class RayScene:
     """
 
     def __init__(self, vertices: Array, faces: Array) -> None:
-        import open3d.core
-        from open3d.t.geometry import RaycastingScene
-
-        self._tensor = open3d.core.Tensor
-        self._scene = RaycastingScene()
+        o3d = open3d()
+        self._tensor = o3d.core.Tensor
+        self._scene = o3d.t.geometry.RaycastingScene()
         vertices = np.asarray(vertices, dtype=np.float64)
         low, high = (vertices.min(axis=0), vertices.max(axis=0)) if len(vertices) else (np.zeros(3), np.zeros(3))
         self.centre: Array = (low + high) / 2

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ...lattice import Lattice
+from ...lean import open3d
 from ...scene import Array
 
 REACH = 8e-3
@@ -31,11 +32,9 @@ class Shell:
     @staticmethod
     def around(vertices: Array, faces: Array, reach: float = REACH, cell: float = _CELL) -> Shell:
         """The shell of a closed mesh, vertices (V, 3) and faces (F, 3), with nodes about `cell` metres apart."""
-        import open3d.core
-        from open3d.t.geometry import RaycastingScene
-
         lattice = Lattice.around(np.asarray(vertices), reach + cell, cell)
-        scene, tensor = RaycastingScene(), open3d.core.Tensor
+        o3d = open3d()
+        scene, tensor = o3d.t.geometry.RaycastingScene(), o3d.core.Tensor
         scene.add_triangles(
             tensor.from_numpy(np.ascontiguousarray(vertices, dtype=np.float32)),
             tensor.from_numpy(np.ascontiguousarray(faces, dtype=np.uint32)),

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ...hand import hand_model
 from ...method import Progress, silent
+from ...methods.kit.adam import Adam
 from ...methods.palm.config import PRESETS, PalmConfig
 from ...methods.palm.model import Conditions, PalmModel
 from ...render.volume import Shell
@@ -70,7 +71,7 @@ def learned(
         model = PalmModel(config, hand_model(), 1)
     rows = torch.Generator().manual_seed(1)
     test, expected = skin.some(_TESTED, rows)
-    adam = torch.optim.Adam(model.geometry_field.parameters(), lr=_RATE[0], betas=(0.9, 0.99))
+    adam = Adam(model.geometry_field.parameters(), _RATE[0], betas=(0.9, 0.99))
     found, spent = [], 0.0
     for step in range(1, steps + 1):
         begin = time.process_time()
@@ -84,21 +85,21 @@ def learned(
     return model, ImplicitPart(name, tuple(found))
 
 
-def _step(model: PalmModel, adam: torch.optim.Adam, places: Tensor, distances: Tensor, share: float) -> None:
+def _step(model: PalmModel, adam: Adam, places: Tensor, distances: Tensor, share: float) -> None:
     """One step towards distances at places, with the eikonal term, at the rate of a share of the run."""
     found = model.geometry(places, conditions(model), gradient=True)
     assert found.gradient is not None
     loss = ((found.sdf - distances) / _SCALE).abs().mean() + 0.1 * (found.gradient.norm(dim=1) - 1.0).square().mean()
-    adam.zero_grad()
+    adam.forget()
     loss.backward()
-    adam.param_groups[0]["lr"] = _RATE[0] * (_RATE[1] / _RATE[0]) ** share
+    adam.rate = _RATE[0] * (_RATE[1] / _RATE[0]) ** share
     adam.step()
 
 
 def step_of(config: PalmConfig, skin: DistanceSamples) -> tuple[int, float]:
     """Rows of the tables of the geometry's encoding, and the least seconds of CPU of three steps after a first one."""
     model = PalmModel(config, hand_model(), 1)
-    adam = torch.optim.Adam(model.geometry_field.parameters(), betas=(0.9, 0.99))
+    adam = Adam(model.geometry_field.parameters(), _RATE[0], betas=(0.9, 0.99))
     rows = torch.Generator().manual_seed(1)
     seconds = []
     for _ in range(4):
