@@ -37,22 +37,35 @@ def proportion(
     """
     joints = len(parents)
     heads = points[:joints]
-    axis = torch.nn.functional.normalize(points[ends] - heads, dim=-1)
+    reach = points[ends] - heads
+    axis = torch.nn.functional.normalize(reach, dim=-1)
     along = axis[:, :, None] * axis[:, None, :]
     eye = torch.eye(3, dtype=vertices.dtype, device=vertices.device)
     stretch = width[:, None, None] * eye + (length - width)[:, None, None] * along
+    still = _turned(stretch, heads)
+    above = [max(parent, 0) for parent in parents]
+    steps = _turned(stretch[above], heads - heads[above]).unbind()
     moved: list[Tensor] = []
     for j, parent in enumerate(parents):
-        if parent < 0:
-            moved.append(stretch[j] @ heads[j])
-        else:
-            moved.append(moved[parent] + stretch[parent] @ (heads[j] - heads[parent]))
+        moved.append(still[j] if parent < 0 else moved[parent] + steps[j])
     new_heads = torch.stack(moved)
-    tips = [new_heads[j] + stretch[j] @ (points[ends[j]] - heads[j]) for j in range(joints) if ends[j] >= joints]
-    offset = new_heads - torch.einsum("jab,jb->ja", stretch, heads)
-    blended = torch.einsum("vj,jab,vb->va", weights, stretch, vertices) + weights @ offset
-    new_points = torch.cat([new_heads, torch.stack(tips)])
+    tips = (new_heads + _turned(stretch, reach))[ends >= joints]
+    blended = _blended(weights, stretch, new_heads - still, vertices)
+    new_points = torch.cat([new_heads, tips])
     return blended - new_heads[1], new_points - new_heads[1]
+
+
+def _turned(matrices: Tensor, rows: Tensor) -> Tensor:
+    """Each row (N, 3) by its matrix (N, 3, 3)."""
+    return (matrices @ rows[:, :, None])[..., 0]
+
+
+def _blended(weights: Tensor, matrices: Tensor, offset: Tensor, vertices: Tensor) -> Tensor:
+    """Vertices (V, 3) by the weighted means of the bones' maps, matrices (J, 3, 3) and offset (J, 3).
+
+    One einsum of three operands says the same, and takes as long again to find the order of its products.
+    """
+    return _turned((weights @ matrices.flatten(1)).unflatten(1, (3, 3)), vertices) + weights @ offset
 
 
 def linear_blend(
@@ -67,7 +80,7 @@ def linear_blend(
 ) -> Tensor:
     """Pose vertices (V, 3) with joints at heads (J, 3) by axis-angles (J, 3) in the joints' frames (J, 3, 3)."""
     turn, offset = joint_transforms(heads, parents, frames, joint_rotations)
-    posed = torch.einsum("vj,jab,vb->va", weights, turn, vertices) + weights @ offset
+    posed = _blended(weights, turn, offset, vertices)
     return posed @ rotation_matrix(rotation).T + translation
 
 

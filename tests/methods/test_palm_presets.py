@@ -28,7 +28,7 @@ def small(chosen: PalmSettings) -> PalmSettings:
     prior, fit, drawing = chosen.prior, chosen.fit, chosen.drawing
     prior = replace(
         prior,
-        spacing=8e-3,
+        spacing=1.2e-2,
         levels=3,
         table=8,
         finest=40.0,
@@ -47,7 +47,7 @@ def small(chosen: PalmSettings) -> PalmSettings:
     )
     fit = replace(fit, steps=3, rays=12, patch=8, side=48, samples=8, components=2, rebuild=2)
     gathering = replace(drawing.gathering, directions=4)
-    return PalmSettings(prior, fit, replace(drawing, scatter=1, spacing=8e-3, supersample=1, gathering=gathering))
+    return PalmSettings(prior, fit, replace(drawing, scatter=1, spacing=1.2e-2, supersample=1, gathering=gathering))
 
 
 @pytest.fixture(scope="module")

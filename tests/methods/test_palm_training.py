@@ -26,7 +26,7 @@ from handbench.methods.palm.registration import registered
 from handbench.methods.palm.training import Lesson, trained
 from handbench.scene import Observation, Pose
 
-SHORT = replace(PRESETS["smoke"], geometry_steps=4, steps=4, light_from=0.0, warmup=0)
+SHORT = replace(PRESETS["smoke"], geometry_steps=4, steps=4, light_from=0.0, warmup=0, spacing=1e-2)
 
 
 @pytest.fixture(scope="module")

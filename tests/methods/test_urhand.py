@@ -131,11 +131,11 @@ def test_training_pictures_are_exact_sums(training: Recording) -> None:
 
 
 def test_training_repeats_by_seed_with_several_threads(training: Recording) -> None:
-    config = replace(SMOKE, steps=4)
+    config = replace(SMOKE, steps=3)
     threads = torch.get_num_threads()
     torch.set_num_threads(2)
     try:
-        first, *same, other = (URHand(config).train(training, seed).model.state_dict() for seed in (0, 0, 0, 0, 1))
+        first, *same, other = (URHand(config).train(training, seed).model.state_dict() for seed in (0, 0, 0, 1))
     finally:
         torch.set_num_threads(threads)
     assert all(torch.equal(first[name], state[name]) for state in same for name in first)
@@ -143,14 +143,14 @@ def test_training_repeats_by_seed_with_several_threads(training: Recording) -> N
 
 
 def test_training_starts_at_the_physics_and_improves_on_it(training: Recording) -> None:
+    frames = training.of_kind("olat").frames[:12]  # a pose under every light, from both cameras
+
     def error(steps: int) -> float:
         avatar = URHand(replace(SMOKE, steps=steps)).train(training, 0).personalise(training)
-        frames = training.of_kind("olat").frames
         return float(np.mean([np.abs(avatar.relight(f).image - training.observe(f).image).mean() for f in frames]))
 
     start, later = error(1), error(25)
     physical_avatar = physical.create().train(training).personalise(training)
-    frames = training.of_kind("olat").frames
     fitted = np.mean([np.abs(physical_avatar.relight(f).image - training.observe(f).image).mean() for f in frames])
     assert start < 3.0 * fitted  # untrained, yet physics: a random network is off by more than ten times
     assert later < 0.85 * start
