@@ -105,24 +105,29 @@ def directions(hand: HandModel, rest: Array, observed: Array) -> Pose:
     palm += [p for p in (hand.chains[1][0], hand.chains[2][0]) if p not in palm]
     world = np.empty((count, 3, 3))
     world[wrist], _ = rigid(rest[palm], observed[palm])
-    joints = np.zeros((count, 3))
+    turned = [j for j in range(count) if j not in (forearm, wrist)]
+    local = np.empty((count, 3, 3))
     if forearm >= 0:
         arm = observed[wrist] - observed[forearm]
-        bent = _swing(rest[wrist] - rest[forearm], world[wrist].T @ arm).T
-        world[forearm] = world[wrist] @ bent.T
-        joints[wrist] = Rotation.from_matrix(frames[wrist].T @ bent @ frames[wrist]).as_rotvec()
-    for j, parent in enumerate(hand.parents):
-        if j not in (forearm, wrist):
-            local = _swing(rest[ends[j]] - rest[j], world[parent].T @ (observed[ends[j]] - observed[j]))
-            world[j] = world[parent] @ local
-            joints[j] = Rotation.from_matrix(frames[j].T @ local @ frames[j]).as_rotvec()
+        local[wrist] = _swing(rest[wrist] - rest[forearm], world[wrist].T @ arm).T
+        world[forearm] = world[wrist] @ local[wrist].T
+    for j in turned:
+        above = world[hand.parents[j]]
+        local[j] = _swing(rest[ends[j]] - rest[j], above.T @ (observed[ends[j]] - observed[j]))
+        world[j] = above @ local[j]
+    if forearm >= 0:
+        turned.append(wrist)
+    joints = np.zeros((count, 3))
+    joints[turned] = Rotation.from_matrix(
+        np.swapaxes(frames, 1, 2)[turned] @ local[turned] @ frames[turned]
+    ).as_rotvec()
     return Pose(joints, Rotation.from_matrix(world[hand.parents.index(-1)]).as_rotvec(), observed[wrist])
 
 
 def _swing(start: Array, end: Array) -> Array:
-    """The shortest rotation (3, 3) that turns one direction into another."""
-    axis = np.cross(start, end)
-    sine, cosine = np.linalg.norm(axis), float(start @ end)
-    if sine < 1e-12 * np.linalg.norm(start) * np.linalg.norm(end):
-        return np.eye(3)  # parallel; opposite bones do not occur in hands
-    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, cosine)).as_matrix()
+    """The shortest rotation (3, 3) that turns one direction into another; opposite bones do not occur in hands."""
+    one, other = start / np.linalg.norm(start), end / np.linalg.norm(end)
+    (a, b, c), (d, e, f) = one, other
+    x, y, z = b * f - c * e, c * d - a * f, a * e - b * d
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + across + across @ across / (1.0 + one @ other)

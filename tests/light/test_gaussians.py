@@ -103,11 +103,11 @@ def test_lobes_are_recovered_from_their_map(count: int) -> None:
 
 @pytest.mark.parametrize("name", ["brightday", "default", "nightlights"])
 def test_more_lobes_are_closer_to_real_light(name: str) -> None:
-    environment = skybox(name, 16, 32)
-    few, many = fit(environment, 8), fit(environment, 64)
-    assert len(few) == 8 and len(many) == 64 and (many.amplitude >= 0).all() and (few.amplitude >= 0).all()
+    environment = skybox(name, 12, 24)
+    few, many = fit(environment, 8), fit(environment, 24)
+    assert len(few) == 8 and len(many) == 24 and (many.amplitude >= 0).all() and (few.amplitude >= 0).all()
     assert miss(many, environment) < min(0.1, 0.5 * miss(few, environment))
-    power = (environment.radiance * solid_angles(16, 32)[..., None]).sum(axis=(0, 1))
+    power = (environment.radiance * solid_angles(12, 24)[..., None]).sum(axis=(0, 1))
     assert np.allclose(many.integral().numpy(), power, rtol=1e-9)
 
 

@@ -97,7 +97,7 @@ def sequence(wild: Capture) -> Recording:
 @pytest.fixture(scope="module")
 def avatars(sequence: Recording) -> dict[str, Avatar]:
     """Both, personalised as a bench does; the hand is fitted once for the two."""
-    start = enrolled(sequence, 2, FittingSettings(steps=16))
+    start = enrolled(sequence, 2, FittingSettings(starts=1, steps=10))
     with pytest.MonkeyPatch.context() as patch:
         for where in (harp_method, uhm_method):
             patch.setattr(where, "enrolled", lambda *_: start)

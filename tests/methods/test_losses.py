@@ -62,8 +62,8 @@ def test_a_light_aware_discriminator_learns_whether_a_picture_fits_its_light() -
         judge = Discriminator(conditions)
         optimiser = Adam(judge.parameters(), 2e-3)
         right = 0.0
-        for step in range(60):
-            light, other = torch.rand(2, 8, 2, 1, 1).expand(2, 8, 2, 32, 32)
+        for step in range(40):
+            light, other = torch.rand(2, 4, 2, 1, 1).expand(2, 4, 2, 32, 32)
             real, fake = (shade.mean(1, keepdim=True).expand(-1, 3, -1, -1) for shade in (light, other))
             condition = light if conditions else None
             scores = [judge(picture, condition) for picture in (real, fake)]
@@ -71,7 +71,7 @@ def test_a_light_aware_discriminator_learns_whether_a_picture_fits_its_light() -
             optimiser.forget()
             loss.backward()
             optimiser.step()
-            if step >= 50:
+            if step >= 30:
                 real_score, fake_score = (torch.stack([s.mean(dim=(1, 2, 3)) for s in of]).mean(0) for of in scores)
                 right += float((real_score > fake_score).float().mean()) / 10
         return right

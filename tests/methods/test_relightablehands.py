@@ -167,8 +167,8 @@ def _counting(forward, calls):  # type: ignore[no-untyped-def]
 
 def test_training_lowers_its_loss_below_the_mean_picture(training: Recording, seen: list[TrainingView]) -> None:
     told: list[dict[str, float]] = []
-    model = train(replace(SMOKE, steps=60), training, 0, lambda step, total, **values: told.append(values))
-    assert told[-1]["l2"] < 0.7 * told[0]["l2"]
+    model = train(replace(SMOKE, steps=40), training, 0, lambda step, total, **values: told.append(values))
+    assert told[-1]["l2"] < 0.8 * told[0]["l2"]
     error, floor = [], []
     for view in seen:
         surface = ViewedTexels.of(view.posed, view.centre, view.joints.numpy())

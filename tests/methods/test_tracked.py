@@ -23,6 +23,7 @@ from handbench.methods.geometry.method import TrackedMethod, TrackedPrior
 from handbench.methods.geometry.tracker import Tracker, Tracking
 from handbench.registry import METHODS
 from handbench.scene import Frame, Light, Observation, Pose, Prediction, Query, Viewpoint
+from handbench.settings import Setting
 
 SMALL = GeometryConfig(image=32, depth=32, points=400, steps=4, warmup=1, code=8)
 
@@ -219,7 +220,13 @@ def test_tracking_refuses_unless_it_may_be_blind(
 def test_the_protocol_compares_both_meshes(tmp_path: Path) -> None:
     """At smoke size: the columns of protocol `tracked` are those of the same methods."""
     assert {"physical", "physical-tracked"} <= set(find_protocol("tracked").methods)
-    outcome = run(find_protocol("smoke"), methods=["physical", "physical-tracked"], out=tmp_path)
+    parts = (("physical", ""), ("physical-tracked", "method."))
+    small = [
+        Setting(f"{part}{name}", value, method)
+        for method, part in parts
+        for name, value in (("texture", "64"), ("fit_frames", "8"))
+    ]
+    outcome = run(find_protocol("smoke"), methods=["physical", "physical-tracked"], out=tmp_path, settings=small)
     assert (outcome.computed, outcome.crashed) == (4, ())
     found: dict[str, list[float]] = {}
     for cell in flat_cells(tmp_path):

@@ -11,6 +11,7 @@ from flat import flat_cells
 from handbench.bench.protocol import Protocol
 from handbench.bench.run import find_protocol, run
 from handbench.metrics import from_signature, metric
+from handbench.settings import Setting
 
 ROOT = Path(__file__).parents[2]
 METRICS = ("psnr", "depth", "normal", "mask-iou", "chamfer", "vertex", "joint")
@@ -32,7 +33,8 @@ def protocol(tmp_path_factory: pytest.TempPathFactory) -> Protocol:
 def scores(protocol: Protocol, tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, str], list[dict]]:
     """Scores by method and metric."""
     folder = tmp_path_factory.mktemp("run")
-    outcome = run(protocol, methods=["oracle", "mean", "physical"], out=folder)
+    small = [Setting("texture", "64", "physical"), Setting("fit_frames", "8", "physical")]
+    outcome = run(protocol, methods=["oracle", "mean", "physical"], out=folder, settings=small)
     assert not outcome.crashed
     found: dict[tuple[str, str], list[dict]] = {}
     for cell in flat_cells(folder):

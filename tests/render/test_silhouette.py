@@ -70,7 +70,7 @@ def test_the_gradient_is_that_of_dense_rays_within_two_percent(name: str, edges:
     assert vertices.grad is not None
 
     def loss(moved: np.ndarray) -> float:
-        return float((rasterise(Mesh(moved, mesh.topology), CAMERA, 16).alpha * weight).sum())
+        return float((rasterise(Mesh(moved, mesh.topology), CAMERA, 12).alpha * weight).sum())
 
     ways, step = directions(mesh), 0.5
     ours = np.array([(vertices.grad.numpy() * way).sum() for way in ways])

@@ -17,7 +17,7 @@ from handbench.hand.fitting.quadratic import Quadratic
 from handbench.hand.fitting.told import PoseNoise
 from handbench.scene import Pose
 
-BRIEF = FittingSettings(steps=16)
+BRIEF = FittingSettings(steps=12)
 
 
 @pytest.fixture(scope="module")
