@@ -8,6 +8,7 @@ from torch import Tensor
 
 from handbench.light.lightset import LightSet
 from handbench.render.see.raster import Raster
+from handbench.render.shade.cells import CellAnswers
 from handbench.render.shade.shading import Model, light_features
 from handbench.render.uv.posed import PosedSurface
 from handbench.scene import Array
@@ -29,6 +30,7 @@ class Shading:
         self._shared = shared
         self._surface, self._centre = surface, centre
         self.position, self.normal = surface.position, surface.normal
+        self._cells: dict[tuple[float, Model], CellAnswers] = {}
         self._some: Array | None = None
         if raster is not None and skips().unseen:
             self._some = np.flatnonzero(atlas.needed(raster.texels(atlas.size)))
@@ -47,13 +49,19 @@ class Shading:
         note("texels outside charts", atlas.size**2, atlas.size**2 - atlas.count)
         if some is not None:
             note("texels out of sight", atlas.count, atlas.count - len(some))
-        if some is None or not self._shared:
-            visible = self._surface.visibility(lights, texels=some)
-        else:
-            visible = self._surface.visibility(lights)[:, some]
-        facing = self.normal if normal is None else normal
-        rough = torch.full((facing.shape[1],), roughness)
-        return light_features(facing, self.position, rough, self._centre, lights, visible, model)
+        rough = torch.full((self.position.shape[1],), roughness)
+        if normal is not None:
+            maps = normal, self.position, rough, self._centre
+            return light_features(*maps, lights, self._visibility(lights), model)
+        if (roughness, model) not in self._cells:
+            self._cells[roughness, model] = CellAnswers(self.normal, self.position, rough, self._centre, model)
+        return self._cells[roughness, model].features(lights, self._visibility)
+
+    def _visibility(self, lights: LightSet) -> Tensor:
+        """What of each light reaches the texels, (L + P, n)."""
+        if self._some is None or not self._shared:
+            return self._surface.visibility(lights, texels=self._some)
+        return self._surface.visibility(lights)[:, self._some]
 
     def texture(self, values: Tensor) -> Tensor:
         """The texture (C, R, R) of values (C, n) at the texels, zero elsewhere."""

@@ -9,7 +9,7 @@ from torch import Tensor
 from handbench.errors import Unsupported
 from handbench.light.environment import solid_angles, texels
 from handbench.light.lightset import LightSet
-from handbench.render.shade.shading import light_features
+from handbench.render.shade.shading import Model, light_features
 from handbench.scene import Array
 
 from .config import UrhandConfig
@@ -28,8 +28,14 @@ def features(
     """Diffuse and specular shading features, (6, N) (supp. Eqs. 1-2 or what an ablation puts in their place)."""
     if config.shading == "released":
         return torch.cat(released_features(normal, position, roughness, centre, lights, visible))
-    model = config.shading if config.specular else "diffuse"
-    return torch.cat(light_features(normal, position, roughness, centre, lights, visible, model))
+    return torch.cat(light_features(normal, position, roughness, centre, lights, visible, model(config)))
+
+
+def model(config: UrhandConfig) -> Model:
+    """The reflectance model of the features, unless they are the released code's."""
+    if config.shading == "released" or not config.specular:
+        return "diffuse"
+    return config.shading
 
 
 def power(lights: LightSet, visible: Tensor | None = None) -> Tensor:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,9 @@ from handbench.errors import InputError
 from handbench.light.lightset import LightSet, light_samples
 from handbench.method import Avatar, Method, MethodInfo, PosedAvatar, Prior, Progress, Recording, silent
 from handbench.render.see.raster import rasterise
+from handbench.render.shade.cells import CellAnswers
 from handbench.render.uv.posed import PosedSurface
-from handbench.scene import KNOWN_LIGHTS, Camera, Light, Prediction, Viewpoint, needed
+from handbench.scene import KNOWN_LIGHTS, Array, Camera, Light, Prediction, Viewpoint, needed
 from handbench.settings import UNCHANGED, Changes, changed
 from handbench.skips import note, skips
 
@@ -59,7 +61,7 @@ class URHandAvatar(Avatar):
 
 
 class PosedURHand(PosedAvatar):
-    """The surface as the physical branch refines it, what the camera sees of it, and its shadows so far."""
+    """The surface as the physical branch refines it, what the camera sees of it, and its shadows and answers so far."""
 
     @torch.no_grad()  # not inference_mode: the atlas is shared with training
     def __init__(self, model: URHandModel, texture: Tensor, viewpoint: Viewpoint) -> None:
@@ -71,11 +73,15 @@ class PosedURHand(PosedAvatar):
         self._centre = viewpoint.camera.centre
         # exposure is worked out texel by texel
         self._sampling = None if model.config.exposure else Sampling.of(self._surface.atlas, self._raster)
+        self._sampled: CellAnswers | None = None
+        if self._sampling is not None and model.config.shading != "released":
+            maps = self._maps(self._sampling.texels)
+            self._sampled = CellAnswers(*maps, self._centre, lighting.model(model.config))
 
     def seen_by(self, camera: Camera) -> PosedAvatar:
         other = copy(self)
         other._raster, other._centre = rasterise(self._surface.mesh, camera), camera.centre
-        other._sampling = None  # shadows at all texels serve every camera
+        other._sampling = other._sampled = None  # shadows at all texels serve every camera
         return other
 
     @torch.no_grad()
@@ -97,24 +103,38 @@ class PosedURHand(PosedAvatar):
         the features of one near them (`Sampling`, `Skips.unseen`), and no row of visibility is given. Which lights
         these are does not depend on the others, so answers stay linear in light.
         """
-        config, surface = self._model.config, self._surface
-        maps = self._material.normal, self._material.roughness, surface.position
         sampling, of_map = self._sampling, lights.of_map
         if sampling is None or of_map is None or not of_map.any() or not skips().unseen:
-            visible = visibility(surface, lights, config.shadows)
-            return lighting.features(config, *maps, self._centre, lights, visible), visible
-        texels = sampling.texels
-        note("texels out of sight", surface.atlas.count, surface.atlas.count - len(texels))
+            visible = self._visible(lights)
+            return self._shaded(lights, visible), visible
+        texels, count = sampling.texels, self._surface.atlas.count
+        note("texels out of sight", count, count - len(texels))
         around = lights.only(of_map, np.zeros(len(lights.positions), dtype=bool))
-        visible = visibility(surface, around, config.shadows, texels)
-        normal, roughness, position = (values[..., torch.from_numpy(texels).to(values.device)] for values in maps)
-        found = lighting.features(config, normal, roughness, position, self._centre, around, visible)
-        found = found[:, sampling.source.to(found.device)]
+        if self._sampled is None:
+            found = self._shaded(around, self._visible(around, texels), texels)
+        else:
+            found = torch.cat(self._sampled.features(around, partial(self._visible, texels=texels)))
+        found = found.index_select(1, sampling.source.to(found.device))
         others = lights.only(~of_map)
         if len(others):
-            visible = visibility(surface, others, config.shadows)
-            found = found + lighting.features(config, *maps, self._centre, others, visible)
+            found = found + self._shaded(others, self._visible(others))
         return found, None
+
+    def _visible(self, lights: LightSet, texels: Array | None = None) -> Tensor | None:
+        return visibility(self._surface, lights, self._model.config.shadows, texels)
+
+    def _shaded(self, lights: LightSet, visible: Tensor | None, texels: Array | None = None) -> Tensor:
+        """The features (6, N) of all covered texels or some."""
+        normal, position, roughness = self._maps(texels)
+        return lighting.features(self._model.config, normal, roughness, position, self._centre, lights, visible)
+
+    def _maps(self, texels: Array | None = None) -> tuple[Tensor, Tensor, Tensor]:
+        """Normal and position (3, N) and roughness (N) of all covered texels or some."""
+        maps = self._material.normal, self._surface.position, self._material.roughness
+        if texels is None:
+            return maps
+        normal, position, roughness = (values[..., torch.from_numpy(texels).to(values.device)] for values in maps)
+        return normal, position, roughness
 
 
 class URHandPrior(Prior):

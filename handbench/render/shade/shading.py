@@ -147,29 +147,34 @@ def transfer(
     roughness: Tensor,
     camera_centre: Tensor | Array,
     directions: Array,
-    visibility: Tensor,
+    visibility: Tensor | None,
+    model: Model = "brdf",
 ) -> Tensor:
-    """What N texels answer to L distant lights of unit irradiance, (2, L, N): diffuse and specular (Eqs. 1-6).
+    """What N texels answer to L distant lights of unit irradiance, (2, L, N): diffuse and specular (Eqs. 1-6), or
+    (1, L, N) for the model "diffuse".
 
     For relighting a known pose and camera: the features are irradiance^T @ transfer, see `relight`. Takes 8 L N
     bytes (48 MB for a 16 x 32 environment at 128 texels); arguments as in `light_features`.
     """
     maps = _maps(normal, position, roughness, camera_centre)
     where = _tensor(directions, normal.device).double()
-    answer = normal.new_empty(2, len(where), normal.shape[1])
+    answer = normal.new_empty(RESPONSES[model], len(where), normal.shape[1])
     for texels in blocks(len(where), normal.shape[1]):
         local = tuple(values[..., texels] for values in maps)
         for start in range(0, len(where), LIGHTS):
             some = slice(start, start + LIGHTS)
-            both = responses(distant, where[some], visibility[some, texels], local, "brdf", normal.dtype)
-            answer[0, some, texels], answer[1, some, texels] = both
+            seen = None if visibility is None else visibility[some, texels]
+            for row, one in zip(answer, responses(distant, where[some], seen, local, model, normal.dtype), strict=True):
+                row[some, texels] = one
     return answer
 
 
 def relight(known: Tensor, irradiance: Array) -> tuple[Tensor, Tensor]:
-    """Diffuse and specular features (3, N) of a `transfer` (2, L, N) under irradiance (L, 3)."""
+    """Diffuse and specular features (3, N) of a `transfer` (2, L, N) under irradiance (L, 3); the latter zero without
+    a lobe."""
     power = _tensor(irradiance, known.device).to(known.dtype).T
-    return power @ known[0], power @ known[1]
+    diffuse = power @ known[0]
+    return diffuse, power @ known[1] if len(known) > 1 else torch.zeros_like(diffuse)
 
 
 def _tensor(values: Tensor | Array, device: torch.device) -> Tensor:
