@@ -36,10 +36,11 @@ def make_hands(folder: Path) -> Hands:
 
     from handbench.data.openstage import open_capture
     from handbench.hand import hand_model
+    from handbench.hand.known import forget
 
     mano = syntheticmano.write(folder / "mano")
     os.environ["HANDBENCH_MANO"] = str(mano)
-    hand_model.cache_clear()
+    forget("mano-right", "mano-left")
     stage, right = open_capture("mini"), hand_model("mano-right")
     places = {
         name: folder / name

@@ -22,6 +22,7 @@ from handbench.data.openstage import open_capture
 from handbench.data.overlay import sheet
 from handbench.errors import InputError
 from handbench.hand import hand_model
+from handbench.hand.known import forget
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.see.raster import Raster
 from handbench.scene import Camera, Directional, Frame, Group, Mesh, Observation, Pose, Topology, Unknown
@@ -146,9 +147,9 @@ def test_a_transposed_matrix_is_named() -> None:
 def hands(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Any, Any]]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HANDBENCH_MANO", str(syntheticmano.write(tmp_path_factory.mktemp("mano"))))
-        hand_model.cache_clear()
+        forget("mano-right", "mano-left")
         yield hand_model("mano-right"), hand_model("mano-left")
-    hand_model.cache_clear()
+    forget("mano-right", "mano-left")
 
 
 class Posed(Capture):

@@ -24,6 +24,7 @@ from handbench.data.readers.reinterhand import ReInterHandCapture
 from handbench.data.readers.uhm import UhmCapture, placed
 from handbench.errors import BadFrame, InputError
 from handbench.hand import hand_model
+from handbench.hand.known import forget
 from handbench.render.see.posedmesh import PosedMesh
 from handbench.render.see.raster import Raster
 from handbench.scene import Mesh, Unknown
@@ -101,13 +102,13 @@ def test_reinterhand_without_a_left_hand_has_no_masks(
     alone = tmp_path / "MANO_RIGHT.pkl"
     shutil.copy(Path(os.environ["HANDBENCH_MANO"]) / "MANO_RIGHT.pkl", alone)
     monkeypatch.setenv("HANDBENCH_MANO", str(tmp_path))
-    hand_model.cache_clear()
+    forget("mano-right", "mano-left")
     capture = ReInterHandCapture(pair[0])
     assert "alpha" not in capture.offers and {"mesh", "pose"} <= capture.offers
     assert any("masks are not there" in remark for remark in capture.remarks)
     assert capture.observe(capture.frames()[0]).alpha is None
     monkeypatch.undo()
-    hand_model.cache_clear()
+    forget("mano-right", "mano-left")
 
 
 def test_reinterhands_other_key_points_are_read(pair: tuple[Path, dict], mano: Any, tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from handbench.data.readers.interhand import InterHandCapture
 from handbench.data.readers.palm import PalmCapture
 from handbench.data.readers.zipped import Zips
 from handbench.errors import Absent, BadFrame, InputError
-from handbench.hand import hand_model
+from handbench.hand.known import forget
 from handbench.scene import Group, Point, Unknown
 
 STAGE = open_capture("mini")
@@ -125,12 +125,12 @@ def test_interhand_without_mano_has_key_points_alone(
     interhand: tuple[Path, dict], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("HANDBENCH_MANO")
-    hand_model.cache_clear()
+    forget("mano-right", "mano-left")
     capture = InterHandCapture(interhand[0])
     assert not {"pose", "mesh", "alpha", "shape"} & capture.offers and "keypoints" in capture.offers
     assert "set HANDBENCH_MANO" in capture.remarks[0]
     monkeypatch.undo()
-    hand_model.cache_clear()
+    forget("mano-right", "mano-left")
 
 
 def test_a_captures_folder_is_named_by_its_variable(
