@@ -31,6 +31,12 @@ from handbench.scene import Frame, Group, Observation
 SMOKE = PRESETS["smoke"]
 
 
+@pytest.fixture(scope="module")
+def training(training: Recording) -> Recording:
+    """One pose: what is looked at here doesn't need more."""
+    return training.where(lambda frame: frame.pose_name == "pose-0")
+
+
 def parameter_count(module: torch.nn.Module) -> int:
     return sum(parameter.numel() for parameter in module.parameters())
 
@@ -143,7 +149,7 @@ def test_training_repeats_by_seed_with_several_threads(training: Recording) -> N
 
 
 def test_training_starts_at_the_physics_and_improves_on_it(training: Recording) -> None:
-    frames = training.of_kind("olat").frames[:12]  # a pose under every light, from both cameras
+    frames = training.of_kind("olat").frames
 
     def error(steps: int) -> float:
         avatar = URHand(replace(SMOKE, steps=steps)).train(training, 0).personalise(training)

@@ -29,8 +29,8 @@ SMOKE = PRESETS["smoke"]
 
 @pytest.fixture(scope="module")
 def everything(mini: Capture) -> Recording:
-    """Single lights, groups and fully lit frames of a subject's training poses; the last two lights are held out."""
-    frames = [f for f in mini.frames() if f.subject == "s01" and f.segment == "train" and f.kind != "environment"]
+    """Single lights, groups and fully lit frames of a training pose; the last two lights are held out."""
+    frames = [f for f in mini.frames() if f.subject == "s01" and f.pose_name == "pose-0" and f.kind != "environment"]
     return mini.recording(f for f in frames if f.lighting not in ("olat-06", "olat-07"))
 
 
@@ -162,7 +162,7 @@ def test_dark_pictures_are_left_out(everything: Recording) -> None:
     ids=lambda config: f"{config.encoder}-{config.shading}-{config.shadows}-{config.network}",
 )
 def test_urhand_trains_on_groups_alone(grouped: Recording, config: UrhandConfig) -> None:
-    avatar = URHand(replace(config, steps=6, warmup=2)).train(grouped, 0).personalise(grouped)
+    avatar = URHand(replace(config, steps=4, warmup=2)).train(grouped, 0).personalise(grouped)
     frame = grouped.of_kind("full").frames[0]
     drawn, truth = avatar.relight(frame).image, grouped.observe(frame).image
     assert np.isfinite(drawn).all()
@@ -176,7 +176,7 @@ def test_urhand_learns_from_groups(grouped: Recording) -> None:
         avatar = URHand(replace(SMOKE, steps=steps)).train(grouped, 0).personalise(grouped)
         return float(np.mean([np.abs(avatar.relight(f).image - grouped.observe(f).image).mean() for f in frames]))
 
-    assert error(15) < 0.8 * error(1)
+    assert error(25) < 0.8 * error(1)
 
 
 def test_urhand_trains_on_groups_of_near_lights(grouped: Recording) -> None:
