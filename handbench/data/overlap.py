@@ -80,6 +80,8 @@ def overlap_of(mesh: Mesh, camera: Camera, mask: Array) -> float:
 
 def doubt_of_overlap(capture: Capture, looked: Sequence[OverlapView], overlap: float) -> Iterator[str]:
     """A doubt where another convention brings hand and masks clearly closer than their `overlap`, or none does."""
+    if overlap + _BETTER >= 1.0:  # as nothing can be better
+        return
     others = dict(_others(capture))
     tried = {}
     for told, change in others.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -114,17 +115,26 @@ def test_what_is_wrong_is_named(capture: Callable[[], Capture], told: str) -> No
     assert len(found.doubts) == 1 and re.search(told, found.doubts[0]), found
 
 
-def test_codes_that_are_called_linear_are_found(tmp_path: Path) -> None:
-    folder = write_folder(tmp_path / "hand", STAGE, colour='"linear"')
+@pytest.fixture(scope="module")
+def untouched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plain folder as it was written: no test gets it, they get copies."""
+    return write_folder(tmp_path_factory.mktemp("untouched") / "hand", STAGE, colour='"srgb"')
+
+
+@pytest.fixture
+def folder(untouched: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(untouched, tmp_path / "hand"))
+
+
+def test_codes_that_are_called_linear_are_found(folder: Path) -> None:
+    assert not checked(open_folder(folder)).doubts
+    text = (folder / FILE).read_text()
+    (folder / FILE).write_text(text.replace('"srgb"', '"linear"'))
     (doubt,) = checked(open_folder(folder)).doubts
     assert 'say colour = "srgb"' in doubt
-    text = (folder / FILE).read_text()
-    (folder / FILE).write_text(text.replace('"linear"', '"srgb"'))
-    assert not checked(open_folder(folder)).doubts
 
 
-def test_pictures_of_another_size_than_their_cameras_say_nothing_of_conventions(tmp_path: Path) -> None:
-    folder = write_folder(tmp_path / "hand", STAGE)
+def test_pictures_of_another_size_than_their_cameras_say_nothing_of_conventions(folder: Path) -> None:
     for place in ("images", "masks"):
         for path in (folder / place).rglob("*.png"):
             picture = Image.open(path)
@@ -219,9 +229,8 @@ def test_a_capture_has_a_usual_size() -> None:
 
 
 def test_the_verb_tells_and_draws(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    folder = write_folder(tmp_path / "hand", STAGE)
     monkeypatch.chdir(tmp_path)
     assert main(["data", "check", "hand"]) == 0
     said = capsys.readouterr().out

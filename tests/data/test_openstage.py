@@ -50,6 +50,14 @@ def mini() -> Capture:
     return open_capture("mini")
 
 
+@pytest.fixture(scope="module")
+def untouched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny capture as it was made: no test gets it to change, they get copies."""
+    folder = tmp_path_factory.mktemp("tiny") / "capture"
+    make(plan(), folder)
+    return folder
+
+
 def test_presets_meet_their_promises() -> None:
     quick = preset("quick")
     assert quick.subjects >= 6 and quick.train_poses + quick.held_out_poses >= 6 and len(quick.cameras) >= 3
@@ -153,9 +161,8 @@ def test_generation_resumes_after_a_kill_and_costs_nothing_twice(tmp_path: Path)
     assert capture.digest == OpenCapture(folder).digest
 
 
-def test_generation_repeats(tmp_path: Path) -> None:
-    one, two = tmp_path / "one", tmp_path / "two"
-    make(plan(), one)
+def test_generation_repeats(untouched: Path, tmp_path: Path) -> None:
+    one, two = untouched, tmp_path
     make(plan(), two)
     files = sorted(path.relative_to(one) for path in one.rglob("*") if path.is_file())
     assert files == sorted(path.relative_to(two) for path in two.rglob("*") if path.is_file())
@@ -219,10 +226,11 @@ def test_display_is_srgb() -> None:
     assert eight_bit(np.array([0.0, 0.0031308, 0.2140411, 1.0, 7.0])).tolist() == [0, 10, 127, 255, 255]
 
 
-def test_a_lost_file_is_made_again_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lost_file_is_made_again_and_nothing_else(
+    untouched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(STAGES, "mini", TINY)
-    open_capture("mini", tmp_path)
-    folder = capture_folder("mini", tmp_path)
+    folder = Path(shutil.copytree(untouched, capture_folder("mini", tmp_path)))
     lost, kept = (folder / "s01" / "pose-0" / camera / "olat-01.exr" for camera in ("dorsal", "palmar"))
     before, stamp = read_exr(lost), kept.stat().st_mtime_ns
     lost.unlink()
@@ -231,9 +239,8 @@ def test_a_lost_file_is_made_again_and_nothing_else(tmp_path: Path, monkeypatch:
     assert kept.stat().st_mtime_ns == stamp
 
 
-def test_making_again_does_not_vouch_for_a_picture_that_was_changed(tmp_path: Path) -> None:
-    folder = tmp_path / "capture"
-    make(plan(), folder)
+def test_making_again_does_not_vouch_for_a_picture_that_was_changed(untouched: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(untouched, tmp_path / "capture"))
     assert OpenCapture(folder).digest == TINY.recipe
     name = "s01/pose-0/dorsal/olat-00"
     write_exr(folder / f"{name}.exr", rgb(np.full((32, 24, 3), 0.5)))

@@ -154,9 +154,15 @@ def test_same_study_gives_same_bytes(report: Path, folder: Path) -> None:
     assert written == {path: (report.parent / path).read_bytes() for path in written} and len(written) == 9
 
 
-def test_section_is_a_fragment_or_nothing(folder: Path, tmp_path: Path) -> None:
-    section = speed_section(folder)
-    assert section is not None
+@pytest.fixture(scope="module")
+def section(report: Path) -> str:
+    """What the page of a run shows of the study, drawn once."""
+    made = speed_section(report.parent.parent)
+    assert made is not None
+    return made
+
+
+def test_section_is_a_fragment_or_nothing(section: str, tmp_path: Path) -> None:
     assert "<html" not in section and "<h2" in section
     assert speed_section(tmp_path / "nowhere") is None
 
@@ -168,12 +174,10 @@ def test_study_of_a_newer_version_is_refused(folder: Path, found: SpeedRecord) -
         speed_section(folder)
 
 
-def test_implicit_hands_have_their_goals_and_tables(folder: Path, found: SpeedRecord) -> None:
+def test_implicit_hands_have_their_goals_and_tables(section: str, found: SpeedRecord) -> None:
     together, plain = implicit_goals(found.implicit)
     assert not together[0] and "4 times the time of all skips, goal 5 times" in together[1]
     assert plain[0] and "99 times" in plain[1]
-    section = speed_section(folder)
-    assert section is not None
     assert "grids &lt;dense&gt;" in section and "117 lights" in section and "0.2 mm" in section
     assert found.implicit is not None and found.implicit.directions[0].power == pytest.approx(-1.0)
     assert found.implicit.directions[1].power is None
