@@ -134,7 +134,7 @@ def test_the_gradient_to_the_pose_is_that_of_finite_differences(field: WeightFie
     """On the finger that turns; the differences are of roots that Newton's method follows from the unturned pose."""
     number = field.hand.joint_names.index(joint)
     joints = torch.tensor(field.hand.sample_pose(np.random.default_rng(7)).joints).float()
-    rigid = field.coarse[(torch.tensor(field.hand.weights(0))[:, number] > 0.7)][:20]
+    rigid = field.coarse[(torch.tensor(field.hand.weights(0))[:, number] > 0.7)][:8]
     points = Deformation(field, field.shape, joints).forward(rigid)
 
     def followed(turned: Tensor) -> Tensor:

@@ -111,7 +111,7 @@ def test_scaled_identity_is_the_scaled_hand(hand: OpenHand) -> None:
 
 def test_gradient_of_skin_agrees_with_finite_differences(hand: OpenHand) -> None:
     identity = hand.sample_identity(np.random.default_rng(1))
-    rows = torch.randperm(len(hand.template.vertices), generator=torch.Generator().manual_seed(0))[:20]
+    rows = torch.randperm(len(hand.template.vertices), generator=torch.Generator().manual_seed(0))[:8]
 
     def some(joints: torch.Tensor, rotation: torch.Tensor, translation: torch.Tensor) -> torch.Tensor:
         return hand.skin(identity, joints, rotation, translation)[rows]

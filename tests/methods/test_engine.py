@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -144,6 +145,16 @@ def test_a_damaged_or_foreign_checkpoint_starts_anew(tmp_path: Path, monkeypatch
     assert [path.name for path in tmp_path.iterdir()] == ["game.safetensors"]
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Game, Path]:
+    """A brief training, and the folder of its checkpoint."""
+    game, folder = Game(), tmp_path_factory.mktemp("finished")
+    with pytest.MonkeyPatch.context() as patch, checkpoints_in(folder):
+        patch.setattr(checkpoint, "EVERY", 0.0)
+        game.play(BRIEF)
+    return game, folder
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -164,13 +175,16 @@ def test_a_damaged_or_foreign_checkpoint_starts_anew(tmp_path: Path, monkeypatch
     ids=str,
 )
 def test_a_checkpoint_that_cannot_be_starts_anew_with_a_word(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, wrong: dict[str, Any]
+    finished: tuple[Game, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+    wrong: dict[str, Any],
 ) -> None:
     monkeypatch.setattr(checkpoint, "EVERY", 0.0)
-    whole = Game()
+    whole, folder = finished
     with checkpoints_in(tmp_path):
-        whole.play(BRIEF)
-        file = tmp_path / "game.safetensors"
+        file = shutil.copy(folder / "game.safetensors", tmp_path)
         with safe_open(file, framework="pt") as opened:
             about = json.loads(opened.metadata()["about"])
         tensors = load_file(file)
