@@ -1,7 +1,8 @@
 """Which device methods work on: the CPU, unless the command line or a caller says otherwise.
 
-A method's networks, its maps and their shading are there; rays are traced and metrics measured on the CPU. The device
-is no part of a configuration: it decides how fast a result comes, and is told in its provenance.
+A method that asks for it has its networks, its maps and their shading there; rays are traced and metrics measured on
+the CPU, where all other methods work. The device is no part of a configuration: it decides how fast a result comes,
+and is told in its provenance.
 """
 
 from __future__ import annotations

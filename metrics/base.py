@@ -117,12 +117,13 @@ class Family(AnyFamily):
 class PairFamily(AnyFamily):
     """A way of measuring that looks at a pair as it is: geometry, or pictures by rules of its own.
 
-    measure    the value of a pair under the chosen options; may raise `Unsupported` with the reason there is none
+    measure    the value of a pair (of what `seen` gives) under the chosen options; may raise `Unsupported` with the
+               reason there is none
     choices    the allowed values of each option, the default first: {"threshold": ("2mm", "1mm", "5mm")}
     needs      fields of the pair that must be there; arrays among them must be finite, or the score has no value
     """
 
-    measure: Callable[[Pair, Mapping[str, str]], float]
+    measure: Callable[[Any, Mapping[str, str]], float]
     choices: Mapping[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
     needs: tuple[str, ...] = ("prediction",)
 
@@ -143,7 +144,11 @@ class PairFamily(AnyFamily):
                 bad = int(np.count_nonzero(~np.isfinite(_drawn(found, what))))
                 if bad:
                     raise Unsupported(f"non-finite {what}: {bad} {'value' if bad == 1 else 'values'}")
-        return self.measure(looks.pair, options)
+        return self.measure(self.seen(looks), options)
+
+    def seen(self, looks: Looks) -> Any:
+        """What is measured: the pair, or what is made of it once for several metrics."""
+        return looks.pair
 
 
 @dataclass(frozen=True)

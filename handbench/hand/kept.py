@@ -94,5 +94,5 @@ def _checksum(arrays: tuple[Any, ...]) -> int:
             if array.is_meta:  # it holds no values
                 continue
             array = array.detach().cpu().reshape(-1).view(torch.uint8).numpy()
-        found = zlib.crc32(np.ascontiguousarray(array).reshape(-1).view(np.uint8), found)
+        found = zlib.crc32(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data, found)
     return found

@@ -32,7 +32,7 @@ class Hardware:
     threads: int | None = told("threads that it uses")
     memory_gb: float | None = told("memory in GiB", default=None)
     gpus: tuple[str, ...] = told("models of the GPUs that torch sees", default=())
-    networks: str = told("where networks ran, such as cpu or cuda", default="")
+    networks: str = told("the device that networks were offered, such as cpu or cuda", default="")
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,13 +15,15 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor, nn
 
 from handbench.hand import HandModel
+from handbench.hand.skinning import rotation_matrix
 from handbench.scene import Array, Camera, Pose
 
+from ..kit.host import on_host
 from ..kit.layers import channels_last
 from .config import GeometryConfig
 from .networks import OFFSET, IdentityDecoder, IdentityEncoder, PoseDecoder, PoseEncoder, principal
 from .scan import PointCloud, depth_maps
-from .skeleton import bone_weights, directions, forward
+from .skeleton import ToldPose, bone_weights, directions, forward
 
 _NEAR, _FAR = 0.004, 0.1  # metres that count as one: joints about the template's, joints about the wrist
 
@@ -105,36 +107,33 @@ class GeometryModel(nn.Module):
         joints = joints - joints[self.hand.wrist]
         return Shape(code, self._vertices + self._bones @ joints + vertices, self._points + joints, vertices)
 
-    def beyond(self, picture: Tensor, camera: Camera, observed: Array, told: Pose) -> Tensor:
+    def beyond(self, picture: Tensor, camera: Camera, observed: Array, told: ToldPose) -> Tensor:
         """What a picture adds to the pose that its key points (P, 3) tell: (J + 2, 3) radians, the last one metres."""
         seen = (observed - observed[self.hand.wrist]) @ camera.rotation.T
-        positions, joints = self.here(seen / _FAR), self.here(told.joints)
+        positions, joints = self.here(seen / _FAR), told.joints.float()
         (found,) = self._run(self.pose_encoder, picture.to(joints.device), positions, joints)
         found = found * self._free
         return torch.cat([found[:-1], OFFSET * found[-1:]])
 
-    def told(self, shape: Shape, observed: Array) -> Pose:
+    def told(self, shape: Shape, observed: Array) -> ToldPose:
         """The pose that key points (P, 3) tell of this hand in closed form; not differentiated through."""
-        return directions(self.hand, shape.points.detach().cpu().double().numpy(), observed)
+        points = shape.points.detach().double()
+        return directions(self.hand, points, torch.tensor(observed, dtype=points.dtype, device=points.device))
 
-    def posed(self, shape: Shape, told: Pose, beyond: Tensor) -> DecodedHand:
+    def posed(self, shape: Shape, told: ToldPose, beyond: Tensor) -> DecodedHand:
         """Template + identity and pose correctives, linear blend skinning, subdivision to the capture's level."""
-        joints = self.here(told.joints) + beyond[:-2]
+        joints = told.joints.float() + beyond[:-2]
         (correctives,) = self._run(self.pose_decoder, joints, shape.code)
         carried = torch.cat([shape.vertices + correctives, shape.points])
         skinned = forward(self.hand, carried, shape.points, self._weights, joints, beyond[-2], beyond[-1])
-        placed = skinned @ self.here(_matrix(told)).T + self.here(told.translation)
+        placed = skinned @ told.rotation.float().T + told.translation.float()
         count = len(shape.vertices)
         return DecodedHand(self.hand.subdivide(placed[:count], self.level), placed[count:], correctives)
 
 
-def combined(told: Pose, beyond: Tensor) -> Pose:
+def combined(told: ToldPose, beyond: Tensor) -> Pose:
     """The whole pose: v -> R (exp(turn) skinned + shift) + t as one placement."""
-    extra = beyond.cpu().double().numpy()
-    placed = Rotation.from_rotvec(told.rotation.copy())
-    rotation = (placed * Rotation.from_rotvec(extra[-2])).as_rotvec()
-    return Pose(told.joints + extra[:-2], rotation, placed.apply(extra[-1]) + told.translation)
-
-
-def _matrix(pose: Pose) -> Array:
-    return Rotation.from_rotvec(pose.rotation.copy()).as_matrix()
+    extra = beyond.double()
+    rotation = Rotation.from_matrix(on_host(told.rotation @ rotation_matrix(extra[-2]))).as_rotvec()
+    moved = told.rotation @ extra[-1] + told.translation
+    return Pose(on_host(told.joints + extra[:-2]), rotation, on_host(moved))

@@ -5,6 +5,8 @@ Key points (P, 3) are the points of a `HandModel`: its joints followed by the fi
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
@@ -92,42 +94,61 @@ def rigid(source: Array, target: Array) -> tuple[Array, Array]:
     return turn, other - turn @ middle
 
 
-def directions(hand: HandModel, rest: Array, observed: Array) -> Pose:
-    """The pose that observed key points (P, 3) tell of a skeleton `rest` (P, 3) in closed form.
+@dataclass(frozen=True, eq=False)
+class ToldPose:
+    """A `Pose` as tensors, float64: axis-angles joints (J, 3), rotation (3, 3), translation (3,)."""
+
+    joints: Tensor
+    rotation: Tensor
+    translation: Tensor
+
+
+@torch.no_grad()
+def directions(hand: HandModel, rest: Tensor, observed: Tensor) -> ToldPose:
+    """The pose that observed key points (P, 3) tell of a skeleton `rest` (P, 3) in closed form; both float64.
 
     The palm's points give the hand's rotation, the forearm's direction, where there is a forearm, splits the wrist's
     off, and every other joint takes the shortest turn that brings its bone to where it points. What is left open is
     turns about the bones.
     """
-    count, frames, ends, wrist = len(hand.parents), hand.frames, hand.ends, hand.wrist
-    forearm = hand.parents[wrist]
-    palm = [wrist, *(j for j, parent in enumerate(hand.parents) if parent == wrist)]
+    parents, wrist = hand.parents, hand.wrist
+    forearm = parents[wrist]
+    palm = [wrist, *(j for j, parent in enumerate(parents) if parent == wrist)]
     palm += [p for p in (hand.chains[1][0], hand.chains[2][0]) if p not in palm]
-    world = np.empty((count, 3, 3))
-    world[wrist], _ = rigid(rest[palm], observed[palm])
-    turned = [j for j in range(count) if j not in (forearm, wrist)]
-    local = np.empty((count, 3, 3))
-    if forearm >= 0:
-        arm = observed[wrist] - observed[forearm]
-        local[wrist] = _swing(rest[wrist] - rest[forearm], world[wrist].T @ arm).T
-        world[forearm] = world[wrist] @ local[wrist].T
-    for j in turned:
-        above = world[hand.parents[j]]
-        local[j] = _swing(rest[ends[j]] - rest[j], above.T @ (observed[ends[j]] - observed[j]))
-        world[j] = above @ local[j]
-    if forearm >= 0:
-        turned.append(wrist)
-    joints = np.zeros((count, 3))
-    joints[turned] = Rotation.from_matrix(
-        np.swapaxes(frames, 1, 2)[turned] @ local[turned] @ frames[turned]
-    ).as_rotvec()
-    return Pose(joints, Rotation.from_matrix(world[hand.parents.index(-1)]).as_rotvec(), observed[wrist])
+    ends = torch.tensor(hand.ends, device=rest.device)
+    bones, seen = (torch.nn.functional.normalize(x[ends] - x[: len(parents)]) for x in (rest, observed))
+    world = {wrist: _turn(rest[palm], observed[palm])}
+    turns = [torch.zeros_like(rest[0])] * len(parents)
+    if forearm >= 0:  # its bone ends in the wrist
+        turn, back = _swing(bones[forearm, None], seen[forearm, None] @ world[wrist])
+        world[forearm], turns[wrist] = world[wrist] @ turn[0], -back[0]
+    while len(world) < len(parents):  # all joints at once that hang on those that are known
+        next_ones = [j for j, parent in enumerate(parents) if parent in world and j not in world]
+        above = torch.stack([world[parents[j]] for j in next_ones])
+        turn, vector = _swing(bones[next_ones], torch.einsum("jc,jcd->jd", seen[next_ones], above))
+        world.update(zip(next_ones, above @ turn, strict=True))
+        for j, its in zip(next_ones, vector, strict=True):
+            turns[j] = its
+    frames = torch.tensor(hand.frames, device=rest.device)
+    joints = torch.einsum("jcd,jc->jd", frames, torch.stack(turns))
+    return ToldPose(joints, world[parents.index(-1)], observed[wrist])
 
 
-def _swing(start: Array, end: Array) -> Array:
-    """The shortest rotation (3, 3) that turns one direction into another; opposite bones do not occur in hands."""
-    one, other = start / np.linalg.norm(start), end / np.linalg.norm(end)
-    (a, b, c), (d, e, f) = one, other
-    x, y, z = b * f - c * e, c * d - a * f, a * e - b * d
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + across + across @ across / (1.0 + one @ other)
+def _turn(source: Tensor, target: Tensor) -> Tensor:
+    """The rotation (3, 3) of `rigid`, for tensors."""
+    left, _, right = torch.linalg.svd((target - target.mean(dim=0)).T @ (source - source.mean(dim=0)))
+    left = torch.cat([left[:, :2], left[:, 2:] * torch.linalg.det(left @ right)], dim=1)  # no mirror
+    return left @ right
+
+
+def _swing(start: Tensor, end: Tensor) -> tuple[Tensor, Tensor]:
+    """The shortest rotations that turn unit vectors (K, 3) into others, as matrices (K, 3, 3) and axis-angles (K, 3).
+
+    Opposite bones, which many turns bring together, do not occur in hands.
+    """
+    axis, cosine = torch.linalg.cross(start, end), (start * end).sum(dim=1)
+    eye = torch.eye(3, dtype=start.dtype, device=start.device)
+    across = torch.linalg.cross(axis[:, None], eye[None]).mT
+    sine = axis.norm(dim=1)
+    angle = torch.atan2(sine, cosine) / sine.clamp_min(torch.finfo(sine.dtype).tiny)
+    return eye + across + across @ across / (1.0 + cosine)[:, None, None], angle[:, None] * axis

@@ -16,11 +16,13 @@ from handbench.method import Progress, Recording, silent
 from handbench.scene import Array, Frame, Mesh, Pose, Topology, Viewpoint, needed
 from handbench.settings import UNCHANGED, Changes, changed
 
+from ..kit.host import on_host
 from ..kit.weights import load_state, save_state
 from .config import GeometryConfig, configuration
 from .model import GeometryModel, Shape, combined
 from .neutral import Neutral, full_frames, neutral
 from .scan import picture
+from .skeleton import ToldPose
 from .training import train
 
 NAME = "geometry"
@@ -88,11 +90,11 @@ class GeometryPrior:
         told = self.model.told(person.shape, person.neutral.observed(pose))
         return self._tracked(person, told, self.model.still, topology)
 
-    def _tracked(self, person: TrackedSubject, told: Pose, beyond: Tensor, topology: Topology) -> Tracked:
+    def _tracked(self, person: TrackedSubject, told: ToldPose, beyond: Tensor, topology: Topology) -> Tracked:
         posed = self.model.posed(person.shape, told, beyond)
         if not posed.vertices.isfinite().all():
             raise NonFinite("geometry: the tracked surface is not finite; train again")
-        vertices, points = posed.vertices.cpu().numpy(), posed.points.cpu().numpy()
+        vertices, points = on_host(posed.vertices), on_host(posed.points)
         return Tracked(Mesh(vertices, topology), combined(told, beyond), points)
 
     def save(self, folder: Path) -> None:

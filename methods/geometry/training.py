@@ -10,13 +10,12 @@ import torch
 from torch import Tensor
 
 from handbench.hand import HandModel
-from handbench.lean import open3d
 from handbench.method import Progress, Recording
 from handbench.scene import Array, Camera, needed
 
 from ..kit.engine import Player, fit
-from ..kit.rows import rows_of
 from .model import GeometryModel
+from .nearest import closest
 from .networks import divergence
 from .neutral import Neutral, full_frames, neutral, warped
 from .scan import PointCloud, picture, point_cloud
@@ -96,7 +95,10 @@ class Lesson:
         target = model.here(surface[chosen])
         apart = target - closest(posed.vertices, model.hand.topology(model.level).faces, target)
         rough = torch.stack(
-            [(laplacian(model.hand, x.device) @ (_MM * x)).square().mean() for x in (shape.offsets, posed.correctives)]
+            [
+                torch.sparse.mm(laplacian(model.hand, x.device), _MM * x).square().mean()
+                for x in (shape.offsets, posed.correctives)
+            ]
         )
         return {
             "joint": config.joint * (_MM * (posed.points - model.here(observed))).abs().mean(),
@@ -106,20 +108,6 @@ class Lesson:
             "small": config.small * (_MM * posed.correctives).square().mean(),
             "steady": config.steady * beyond[:-1].square().mean(),
         }
-
-
-def closest(vertices: Tensor, faces: Array, points: Tensor) -> Tensor:
-    """The point of a surface nearest to each of points (N, 3), as a function of its vertices (V, 3)."""
-    o3d = open3d()
-    scene = o3d.t.geometry.RaycastingScene()
-    tensor = o3d.core.Tensor.from_numpy
-    scene.add_triangles(tensor(vertices.detach().cpu().numpy()), tensor(faces.astype(np.uint32)))
-    found = scene.compute_closest_points(tensor(points.cpu().numpy()))
-    u, v = torch.from_numpy(found["primitive_uvs"].numpy()).to(vertices.device).unbind(-1)
-    corners = torch.from_numpy(faces[found["primitive_ids"].numpy().astype(np.int64)].astype(np.int64))
-    corners = corners.to(vertices.device)
-    weights = torch.stack([1.0 - u - v, u, v], dim=-1)
-    return (weights[..., None] * rows_of(vertices, corners)).sum(dim=1)
 
 
 def laplacian(hand: HandModel, device: torch.device) -> Tensor:

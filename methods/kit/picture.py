@@ -9,20 +9,23 @@ from handbench.errors import NonFinite
 from handbench.render.see.raster import Raster
 from handbench.scene import Array, Prediction
 
+from .host import on_host
+
 
 def prediction(raster: Raster, texture: Tensor) -> Prediction:
     """The texture (3, R, R) drawn by a raster, see `pictured`."""
-    return pictured(raster, raster.sample(texture.detach()).permute(1, 2, 0).cpu())
+    return pictured(raster, raster.sample(texture.detach()).permute(1, 2, 0))
 
 
 def pictured(raster: Raster, image: Tensor) -> Prediction:
     """An image (H, W, 3) of what a raster sees, with the raster's depth and normals. Raises `NonFinite` for NaN."""
-    if not image.isfinite().all():
-        bad = int((~image.isfinite()).sum())
+    drawn = on_host(image)
+    if not np.isfinite(drawn).all():
+        bad = int((~np.isfinite(drawn)).sum())
         raise NonFinite(f"the method drew {bad} values that are NaN or infinite")
     alpha = raster.alpha
     depth, normal = _Drawn(alpha.shape, "depth_map", raster), _Drawn((*alpha.shape, 3), "normal_map", raster)
-    return Prediction(image.numpy(), alpha, depth=depth, normal=normal)
+    return Prediction(drawn, alpha, depth=depth, normal=normal)
 
 
 class _Drawn:

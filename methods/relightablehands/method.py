@@ -59,7 +59,8 @@ class PosedRelightableHands(PosedAvatar):
         self._model, self._viewpoint = model, viewpoint
         self._surface = surface or PosedSurface(needed(viewpoint.mesh, "mesh"), model.config.texture, model.device)
         self._raster = rasterise(self._surface.mesh, viewpoint.camera)
-        self._seen = ViewedTexels.of(self._surface, viewpoint.camera.centre, needed(viewpoint.pose, "pose").joints)
+        joints = torch.from_numpy(needed(viewpoint.pose, "pose").joints.copy()).float()
+        self._seen = ViewedTexels.of(self._surface, viewpoint.camera.centre, joints)
         self._kept: OrderedDict[bytes, Tensor] = OrderedDict()  # by direction or position
 
     def seen_by(self, camera: Camera) -> PosedAvatar:

@@ -45,12 +45,11 @@ class ViewedTexels:
     atlas: Atlas
 
     @staticmethod
-    def of(posed: PosedSurface, centre: Array, joints: Array) -> ViewedTexels:
+    def of(posed: PosedSurface, centre: Array, joints: Tensor) -> ViewedTexels:
         frames = tangent_frames(posed)
         device = posed.position.device
         view = unit(torch.as_tensor(centre, dtype=torch.float32, device=device)[:, None] - posed.position)
-        rotations = torch.from_numpy(joints.copy()).float().to(device)
-        return ViewedTexels(posed.position, frames, (frames * view).sum(dim=1), rotations, posed.atlas)
+        return ViewedTexels(posed.position, frames, (frames * view).sum(dim=1), joints.to(device), posed.atlas)
 
 
 class RelightableHandsModel(nn.Module):

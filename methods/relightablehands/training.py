@@ -15,6 +15,7 @@ from handbench.scene import Array
 from handbench.scene.colour import unclipped_srgb
 
 from ..kit.engine import Player, fit, light_weights
+from ..kit.host import on_host
 from ..kit.perceptual import perceptual_loss
 from ..kit.views import TrainingView, views
 from .config import RelightableHandsConfig
@@ -49,10 +50,9 @@ def exposure(seen: list[TrainingView]) -> float:
     """
     bright = []
     for view in seen:
-        strongest = torch.from_numpy(_irradiance(view).max(axis=1)).float()
-        covered = torch.from_numpy(view.raster.alpha[view.box] > 0.5)
-        values = (view.images.cpu().float().mean(dim=1) / strongest[:, None, None])[:, covered]
-        bright.append(np.quantile(values.numpy(), _BRIGHT))
+        strongest = _irradiance(view).max(axis=1).astype(np.float32)
+        values = on_host(view.images.float().mean(dim=1)) / strongest[:, None, None]
+        bright.append(np.quantile(values[:, view.raster.alpha[view.box] > 0.5], _BRIGHT))
     found = 2.0 * float(np.mean(bright))
     if not found > 0.0:
         raise Unsupported("relightablehands trains on pictures under single lights or groups, and all are black")
@@ -61,7 +61,7 @@ def exposure(seen: list[TrainingView]) -> float:
 
 def _irradiance(view: TrainingView) -> Array:
     """Mean irradiance over the colours of each light in each picture (L, S), of a near one in the hand's middle."""
-    away = np.linalg.norm(view.positions - view.posed.position.mean(dim=1).cpu().numpy(), axis=1)
+    away = np.linalg.norm(view.positions - on_host(view.posed.position.mean(dim=1)), axis=1)
     falloff = np.concatenate([np.ones(len(view.directions)), np.maximum(away, NEAREST) ** -2.0])
     return view.power.mean(axis=2) * falloff
 
@@ -71,7 +71,7 @@ class Lesson:
 
     def __init__(self, model: RelightableHandsModel, seen: list[TrainingView]) -> None:
         self.model, self.views = model, seen
-        self._seen = [ViewedTexels.of(view.posed, view.centre, view.joints.cpu().numpy()) for view in seen]
+        self._seen = [ViewedTexels.of(view.posed, view.centre, view.joints) for view in seen]
 
     def losses(self, sample: int, rng: np.random.Generator) -> Mapping[str, Tensor]:
         """L2, perceptual and negative-colour loss on one view under a random combination of its lights.

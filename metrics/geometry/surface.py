@@ -193,17 +193,16 @@ def fscore(precise: Array, complete: Array, threshold: float) -> float:
 class SurfaceFamily(PairFamily):
     """A way of measuring two surfaces. Frames of one pose have the same ones, so the looks keep the last of them."""
 
-    def value(self, looks: Looks, options: Mapping[str, str]) -> float:
+    def seen(self, looks: Looks) -> Facing:
         prediction, truth = looks.pair.prediction_mesh, looks.pair.truth_mesh
-        if prediction is None or truth is None:
-            return super().value(looks, options)  # which says whose is missing
+        assert prediction is not None and truth is not None  # `needs` names them
         key = "surfaces", *map(_digest, (prediction, truth))
-        return self.measure(looks.recent(key, lambda: Facing(prediction, truth)), options)
+        return looks.recent(key, lambda: Facing(prediction, truth))
 
 
 def _digest(mesh: Mesh) -> str:
     """What tells meshes apart: captures may read each frame's anew."""
-    return mesh.topology.digest + hashlib.blake2b(np.ascontiguousarray(mesh.vertices), digest_size=16).hexdigest()
+    return mesh.topology.digest + hashlib.blake2b(np.ascontiguousarray(mesh.vertices).data, digest_size=16).hexdigest()
 
 
 def _mean(facing: Facing, options: Mapping[str, str]) -> float:

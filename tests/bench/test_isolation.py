@@ -147,8 +147,7 @@ OF_THE_HAND = {
 }
 
 
-@pytest.mark.parametrize("part", OF_THE_HAND)
-@pytest.mark.parametrize("call", ["train", "relight"])
+@pytest.mark.parametrize(("call", "part"), [*zip(["train", *["relight"] * 4], OF_THE_HAND, strict=True)])
 def test_who_changes_the_hand_model_is_named_and_harms_nobody(rogue, alone, toy_protocol, tmp_path, call, part):
     known.forget("openhand")  # what a hand works out is first asked for by the rogue itself
     hand = known.hand_model()

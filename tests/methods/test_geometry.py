@@ -17,14 +17,15 @@ from handbench.data.openstage import open_capture
 from handbench.errors import InputError, Unsupported
 from handbench.hand.openhand import OpenHand, sample_pose
 from handbench.method import Recording
-from handbench.methods.geometry import GeometryPrior, Tracker, Tracking, create
+from handbench.methods.geometry import GeometryPrior, Tracker, Tracking, create, nearest
 from handbench.methods.geometry.config import GeometryConfig
-from handbench.methods.geometry.model import _NEAR, GeometryModel
+from handbench.methods.geometry.model import _NEAR, GeometryModel, combined
+from handbench.methods.geometry.nearest import closest
 from handbench.methods.geometry.networks import divergence
 from handbench.methods.geometry.neutral import neutral, warped
 from handbench.methods.geometry.scan import depth_maps, picture, point_cloud
-from handbench.methods.geometry.skeleton import directions, posed_points, regressor
-from handbench.methods.geometry.training import Lesson, closest, laplacian
+from handbench.methods.geometry.skeleton import ToldPose, directions, posed_points, regressor
+from handbench.methods.geometry.training import Lesson, laplacian
 from handbench.methods.kit.weights import save_state
 from handbench.metrics.geometry.points import point_error
 from handbench.metrics.geometry.surface import surface_distances
@@ -100,7 +101,8 @@ def test_directions_put_every_joint_where_it_was_seen() -> None:
     for _ in range(5):
         pose = Pose(sample_pose(rng).joints, rng.normal(size=3), rng.normal(size=3))
         observed = posed_points(HAND, HAND.points, pose)
-        told = directions(HAND, HAND.points, observed)
+        tensors = directions(HAND, torch.tensor(HAND.points), torch.tensor(observed))
+        told = combined(tensors, torch.zeros(len(HAND.parents) + 2, 3))
         np.testing.assert_allclose(posed_points(HAND, HAND.points, told), observed, atol=1e-9)
         flexion = [HAND.joint_names.index(f"index{k}") for k in (2, 3)]  # hinges: a swing tells all
         np.testing.assert_allclose(told.joints[flexion, 0], pose.joints[flexion, 0], atol=0.03)
@@ -120,10 +122,28 @@ def test_without_offsets_the_surface_is_the_open_hands() -> None:
     for layer in (net.identity_decoder.layers.last, net.identity_decoder.straight, net.pose_decoder.layers.last):
         torch.nn.init.zeros_(layer.weight)
     pose = Pose(sample_pose(rng).joints, rng.normal(size=3), rng.normal(size=3))
-    posed = net.posed(net.shape(torch.randn(SMALL.code)), pose, net.still)
+    turn = Rotation.from_rotvec(pose.rotation.copy()).as_matrix()
+    told = ToldPose(*(torch.tensor(part) for part in (pose.joints, turn, pose.translation)))
+    posed = net.posed(net.shape(torch.randn(SMALL.code)), told, net.still)
     truth = HAND.mesh(HAND.neutral(), pose, 1).vertices
     assert np.abs(posed.vertices.detach().numpy() - truth).max() < 1e-6
     np.testing.assert_allclose(posed.points.detach(), posed_points(HAND, HAND.points, pose), atol=1e-6)
+
+
+def test_without_a_tree_the_nearest_points_are_the_same() -> None:
+    """Other devices compare each point with each triangle; here the CPU does."""
+    mesh = HAND.mesh(HAND.neutral(), sample_pose(np.random.default_rng(5)), 0)
+    vertices, corners = torch.tensor(mesh.vertices).float(), torch.tensor(mesh.topology.faces.astype(np.int64))
+    corners = torch.cat([corners, torch.zeros(1, 3, dtype=torch.int64)])  # a triangle without area
+    rng = np.random.default_rng(3)
+    points = vertices[rng.choice(len(vertices), 500)] + torch.from_numpy(rng.normal(0, 0.004, (500, 3))).float()
+    apart = []
+    for find in (nearest.by_embree, nearest.by_all):
+        face, u, v = find(vertices, corners, points)
+        assert (u >= 0).all() and (v >= 0).all() and (u + v <= 1 + 1e-6).all()
+        weights = torch.stack([1 - u - v, u, v], dim=1)[..., None]
+        apart.append(((weights * vertices[corners[face]]).sum(dim=1) - points).norm(dim=1))
+    assert apart[0].max() > 0.005 and (apart[0] - apart[1]).abs().max() < 1e-6
 
 
 def test_closest_points_are_on_the_surface_and_differentiable() -> None:
