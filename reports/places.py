@@ -92,17 +92,17 @@ def width(text: str) -> float:
 
 
 def _candidates(text: str, x: float, y: float) -> list[tuple[float, Label]]:
-    found = []
+    found, wide = [], width(text)
     for far in _DISTANCES:
         for across, down in _DIRECTIONS:
             reach = MARK + (far if not (across and down) else 0.7 * far)
-            found.append((far + abs(down), _label(text, x, y, across * reach, down * reach)))
+            found.append((far + abs(down), _label(text, wide, x, y, across * reach, down * reach)))
     return found
 
 
-def _label(text: str, x: float, y: float, dx: float, dy: float) -> Label:
-    """The label whose nearest edge or corner is (dx, dy) from the point."""
-    wide, ascent, descent = width(text), 0.78 * SIZE, 0.24 * SIZE
+def _label(text: str, wide: float, x: float, y: float, dx: float, dy: float) -> Label:
+    """The label of a width whose nearest edge or corner is (dx, dy) from the point."""
+    ascent, descent = 0.78 * SIZE, 0.24 * SIZE
     middle = y + dy + (0.5 if dy > 0 else -0.5 if dy < 0 else 0.0) * (ascent + descent)
     left = x + dx - (0.0 if dx > 0 else wide if dx < 0 else wide / 2)
     box = PlotBox(left, middle - SIZE / 2, left + wide, middle + SIZE / 2)
