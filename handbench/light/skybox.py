@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -55,8 +56,7 @@ def equirectangular(faces: Array, height: int, width: int) -> Array:
     n = faces.shape[1]
     bound = np.quantile(faces, 0.999)
     finer = max(1, -(-_SUPERSAMPLE * n // height))  # the grid has at least two samples across a cube texel
-    face, row, column = _locate(directions(finer * height, finer * width), n)
-    bulk = Environment("", np.minimum(faces, bound)[face, row, column])
+    bulk = Environment("", np.minimum(faces, bound).reshape(-1, 3)[_seen(finer * height, finer * width, n)])
     radiance = resize(bulk, height, width).radiance.astype(np.float64)
     face, row, column = np.nonzero((faces > bound).any(axis=-1))
     part = (np.arange(_SUPERSAMPLE) + 0.5) / _SUPERSAMPLE
@@ -80,6 +80,15 @@ def _direction(face: Array, s: Array, t: Array) -> Array:
     table = ((one, -t, -s), (-one, -t, s), (s, one, t), (s, -one, -t), (s, -t, one), (-s, -t, -one))
     towards = np.choose(face[..., None], [np.stack(axes, axis=-1) for axes in table])
     return towards / np.linalg.norm(towards, axis=-1, keepdims=True)
+
+
+@lru_cache(maxsize=2)
+def _seen(height: int, width: int, n: int) -> Array:
+    """Which of the 6 n^2 cube texels each texel of a map shows, (height, width); the same for every skybox."""
+    face, row, column = _locate(directions(height, width), n)
+    found: Array = ((face * n + row) * n + column).astype(np.int32)
+    found.flags.writeable = False
+    return found
 
 
 def _locate(direction: Array, n: int) -> tuple[Array, Array, Array]:
