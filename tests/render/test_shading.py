@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from pathlib import Path
 
@@ -199,11 +200,12 @@ def test_float32_keeps_five_digits_at_every_angle(
 def test_memory_is_bounded_whatever_the_number_of_lights(
     path: str, fuse: Callable[[], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(switch, "_FUSE", 1 << 60)
     count, number = 20000, 400
+    for least in ("_FUSE", "_DRAW"):
+        monkeypatch.setattr(switch, least, 1 << 60)
     if path.startswith("fused"):
-        fuse()
         count, number = 1000, 5000
+        fuse()
     normal, position, roughness = texels(count, dtype=torch.float32)
     normal.requires_grad_("gradient" in path)
     lights, seen = distant(number), np.ones((number, count), dtype=bool)
@@ -215,11 +217,13 @@ def test_memory_is_bounded_whatever_the_number_of_lights(
 
     work(distant(128), seen[:128])  # compile, and let the allocators take what they keep
     # one float32 buffer of lights x texels would be 20 or 32 MB, and without tiles there would be a dozen
-    assert _peak(lambda: work(lights, seen)) < 16e6 + 300 * count
+    assert _peak(lambda: work(lights, seen)) < (24e6 if path == "tiles, gradient" else 16e6) + 300 * count
 
 
 def _peak(work: Callable[[], None]) -> float:
     """Bytes of resident memory that a call takes at most, beyond what is resident before it."""
+    if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):  # what earlier calls left free would hide a buffer
+        trim(0)
     try:
         Path("/proc/self/clear_refs").write_text("5")  # starts the peak anew
     except OSError:

@@ -7,8 +7,9 @@ A model is a few responses of a texel to a light of unit power, none of which ha
     disney    diffuse; D G (1 - S); D G S, each times cosine V, S Schlick's term: see `disney_radiance`
 Their sums over lights, coloured by the lights' power, are what everything here returns.
 
-Memory: beside arguments and answers (and what autograd keeps of them) a call takes at most about 16 MB for tiles
-and 300 bytes a texel, whatever the number of lights; `transfer` alone keeps lights x texels values.
+Memory: beside arguments and answers (and what autograd keeps of them) a call takes at most about 16 MB for tiles,
+24 for their gradient, and 300 bytes a texel, whatever the number of lights; `transfer` alone keeps lights x texels
+values.
 """
 
 from __future__ import annotations
