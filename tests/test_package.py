@@ -156,7 +156,8 @@ from importlib import import_module
 
 gc.disable()
 sys.path.insert(0, sys.argv[1])  # with a pandas that tells of any try to load it, even where none is installed
-loaded = lambda: sorted({"torch", "jax", "open3d", "numpy", "scipy"} & sys.modules.keys())
+HEAVY = {"torch", "jax", "open3d", "numpy", "scipy", "skimage", "torchvision"}
+loaded = lambda: sorted(HEAVY & sys.modules.keys())
 found = {}
 
 import handbench
@@ -164,7 +165,13 @@ import handbench
 found["top"] = loaded()
 for name in ("bench.cell", "bench.run", "bench.describe", "bench.provenance", "metrics"):
     import_module(f"handbench.{name}")
+registry = import_module("handbench.registry")
+tables = [table for table in vars(registry).values() if isinstance(table, registry.Registry)]
+assert len(tables) >= 6 and all(table.entries() for table in tables)
 found["bench"] = loaded()
+for entry in handbench.metrics.ENTRIES:
+    entry.load()
+found["metrics"] = loaded()
 found["unlisted"] = sorted(set(handbench.__all__) - set(dir(handbench)))
 found["missing"] = [name for name in handbench.__all__ if getattr(handbench, name) is None]
 from handbench import Method, PosedAvatar, light_samples
@@ -192,7 +199,11 @@ def imports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 def test_the_bench_loads_neither_torch_nor_scipy(imports: dict[str, Any]) -> None:
     """A run whose methods need neither starts in a fraction of the time; who draws with atlases loads them."""
-    assert not {"torch", "scipy", "open3d"} & set(imports["bench"])
+    assert not {"torch", "scipy", "open3d", "skimage"} & set(imports["bench"])
+
+
+def test_no_metric_loads_torchvision(imports: dict[str, Any]) -> None:
+    assert "torch" in imports["metrics"] and "torchvision" not in imports["metrics"]
 
 
 def test_importing_everything_loads_no_pandas(imports: dict[str, Any]) -> None:

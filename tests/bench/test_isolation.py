@@ -79,11 +79,19 @@ def rogue(fakes, monkeypatch) -> Callable[..., None]:
     return doing
 
 
+@pytest.fixture(scope="module")
+def found_alone() -> list[dict]:
+    """Where the first test that asks for `alone` puts it."""
+    return []
+
+
 @pytest.fixture
-def alone(fakes, toy_protocol, tmp_path) -> list[dict]:
+def alone(found_alone, fakes, toy_protocol, tmp_path) -> list[dict]:
     """The scores of "toy" when nobody else is there."""
-    run(toy_protocol(), methods=["toy"], out=tmp_path / "alone")
-    return scores(tmp_path / "alone", "toy")
+    if not found_alone:
+        run(toy_protocol(), methods=["toy"], out=tmp_path / "alone")
+        found_alone += scores(tmp_path / "alone", "toy")
+    return found_alone
 
 
 ARRAYS = {

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import subprocess
-import sys
 
 import pytest
 
@@ -77,13 +75,3 @@ def test_a_score_is_a_finite_value_or_a_reason() -> None:
     for value, reason in ((None, None), (1.0, "why")):
         with pytest.raises(InputError):
             Score(value, reason)
-
-
-def test_the_table_is_light_and_nothing_wants_pandas() -> None:
-    code = (
-        "import sys, handbench.metrics as m; heavy = {'torch', 'skimage', 'pandas', 'torchvision'} & set(sys.modules)\n"
-        "assert not heavy, heavy\n"
-        "for e in m.ENTRIES: e.load()\n"
-        "assert not {'pandas', 'torchvision'} & set(sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
