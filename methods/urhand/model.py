@@ -97,10 +97,10 @@ class URHandModel(nn.Module):
             inputs = atlas.dilate(atlas.scatter(coloured[:count]))
         with self._precision():
             gain, bias, encoded = self.neural(self._batch(inputs), material.modulation)
-        gain, bias = atlas.gather(gain.float()), atlas.gather(bias.float())[:, 0]
-        if count == 3:
-            return torch.stack([gain[i, i] for i in range(3)]), bias, encoded
-        return gain[0], bias.expand(3, -1), encoded
+        bias = atlas.gather(bias.float())[:, 0]
+        if count == 3:  # of each light's answer its own channel
+            return atlas.gather(gain.diagonal().movedim(-1, 0).float()), bias, encoded
+        return atlas.gather(gain.float())[0], bias.expand(3, -1), encoded
 
     @property
     def device(self) -> torch.device:
