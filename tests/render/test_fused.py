@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from handbench.light.lightset import LightSet
-from handbench.render.shade import fused
+from handbench.render.shade import fused, switch
 from handbench.render.shade.shading import light_features, relight, transfer
 
 
@@ -77,6 +77,18 @@ def test_without_xla_the_tiles_answer(scene, fuse: Callable[[], None], monkeypat
         fused.usable.cache_clear()
     for one, other in zip(fast, slow, strict=True):
         assert (one - other).abs().max() < 1e-6 * one.abs().max()
+
+
+@pytest.mark.parametrize("model", ["brdf", "phong", "diffuse"])
+@pytest.mark.parametrize("seen", ["bool", "weights", "none"])
+def test_fused_and_tiled_transfers_agree(scene, seen: str, model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    *maps, lights, visible = scene
+    visibility = {"bool": visible, "weights": 0.5 * visible, "none": None}[seen]
+    tiled = transfer(*maps, lights.directions, visibility, model)
+    monkeypatch.setattr(switch, "_DRAW", 0)
+    monkeypatch.setattr(fused, "_BLOCK", 256)
+    fast = transfer(*maps, lights.directions, visibility, model)
+    assert fast.shape == tiled.shape and (fast - tiled).abs().max() <= 1e-5 * tiled.abs().max()
 
 
 def test_a_transfer_relights_as_the_tiles_do(scene) -> None:

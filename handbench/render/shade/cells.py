@@ -19,8 +19,8 @@ class CellAnswers:
     """N texels of one material, seen from one point, under light after light.
 
     Environments share most of their lights, the cells of the sphere (`LightSet.coarse`), and only the power of these
-    differs. To keep what each texel answers to each cell takes as long as to light it by twice as many, so
-    that is worked out once a second environment comes (`Skips.known`), and takes 8 N bytes a cell.
+    differs. What each texel answers to each cell is worked out once a second environment comes (`Skips.known`), as it
+    takes 8 N bytes a cell, and a little longer than to light a texel by all of them.
     """
 
     def __init__(self, normal: Tensor, position: Tensor, roughness: Tensor, centre: Array, model: Model) -> None:

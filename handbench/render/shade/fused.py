@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -62,6 +62,48 @@ def fused_responses(
     return _Fused.apply(normal, view, roughness, model, directions, irradiance, visibility)
 
 
+@torch.no_grad()
+def fused_answers(
+    model: str, normal: Tensor, view: Tensor, roughness: Tensor, directions: Tensor, visibility: Tensor | None
+) -> Tensor:
+    """The responses of a model to each of L lights of unit power, (K, L, N) float32; arguments as above."""
+    import jax
+
+    where = directions.numpy()
+    seen = np.ones((len(where), len(roughness)), dtype=bool) if visibility is None else visibility.numpy()
+    answer = normal.new_empty(RESPONSES[model], len(where), len(roughness), dtype=torch.float32)
+    kernel = _kernel(model, _BLOCK, "each")
+
+    def block(start: int) -> None:
+        some = slice(start, start + _BLOCK)
+        spare = max(0, start + _BLOCK - len(roughness))
+        texels = [_wide(values[..., some].numpy(), spare) for values in (normal, view, roughness)]
+        with jax.enable_x64(True):
+            for first in range(0, len(where), _LIGHTS):
+                lights = slice(first, first + _LIGHTS)
+                lamps = [_padded(where[lights]), _padded(_wide(seen[lights, some], spare)), len(where[lights])]
+                found = kernel(*jax.device_put([texels, *lamps]))
+                for rows, one in zip(answer, found, strict=True):
+                    rows.numpy()[lights, some] = np.asarray(one)[: lamps[2], : _BLOCK - spare]
+
+    starts = range(0, len(roughness), _BLOCK)
+    workers = min(torch.get_num_threads(), len(starts))
+
+    def share(worker: int) -> None:
+        for start in starts[worker::workers]:
+            block(start)
+
+    list(_pool().map(share, range(workers)) if workers > 1 else map(share, range(workers)))
+    return answer
+
+
+def _wide(values: Array, spare: int) -> Array:
+    """Values (..., n) with `spare` copies of the last."""
+    return np.ascontiguousarray(
+        np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, spare)], "edge") if spare else values
+    )
+
+
 class _Fused(torch.autograd.Function):
     @staticmethod
     def forward(
@@ -97,7 +139,7 @@ def _over_lights(
     spare = held * block - count
     workers = min(torch.get_num_threads(), blocks)
     edges = [blocks * worker // workers for worker in range(workers + 1)]
-    kernel = _kernel(model, block, bool(gradient))
+    kernel = _kernel(model, block, "gradient" if gradient else "sum")
     reaches = _reaches(maps[0].detach(), where, seen, block, blocks)
     rows = ((0, held - blocks), (0, 0))
 
@@ -165,8 +207,9 @@ def _pool() -> ThreadPoolExecutor:
 
 
 @cache
-def _kernel(model: str, block: int, backward: bool) -> Any:
-    """Adds lights to sums for the blocks from `first` to before `last`: responses, or the gradient of the maps.
+def _kernel(model: str, block: int, what: Literal["sum", "gradient", "each"]) -> Any:
+    """Adds lights to sums for the blocks from `first` to before `last`: responses, or the gradient of the maps. Or, for
+    one block, the responses (l, block) to each of the first `count` lights.
 
     order (blocks, l) lists the lights of a block, of which the first `reached` (blocks,) are taken.
     Every map is a list of vectors and every sum its own carry: XLA makes one loop of that, where stacked arrays
@@ -257,7 +300,7 @@ def _kernel(model: str, block: int, backward: bool) -> Any:
             def plus(total, terms):  # type: ignore[no-untyped-def]
                 return jax.tree.map(lambda before, term: before + term.astype(single), total, terms)
 
-            if backward:
+            if what == "gradient":
                 texel, pull = jax.vjp(prepare, normal, view, roughness)
 
                 def light(step, total):  # type: ignore[no-untyped-def]
@@ -276,4 +319,15 @@ def _kernel(model: str, block: int, backward: bool) -> Any:
 
         return lax.fori_loop(first, last, one, sums)
 
-    return jax.jit(add)
+    def each(maps, directions, seen, count):  # type: ignore[no-untyped-def]
+        normal, view, roughness = maps
+        texel = prepare([*normal], [*view], roughness)
+
+        def light(i, rows):  # type: ignore[no-untyped-def]
+            answers = respond(texel, directions[i], seen[i].astype(single))
+            places = zip(rows, answers, strict=True)
+            return [lax.dynamic_update_slice(row, one.astype(single)[None], (i, 0)) for row, one in places]
+
+        return lax.fori_loop(0, count, light, [jnp.zeros(seen.shape, single)] * RESPONSES[model])
+
+    return jax.jit(each if what == "each" else add)

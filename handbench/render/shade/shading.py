@@ -25,8 +25,8 @@ from ...skips import note, skips
 from ..uv.surface import unit
 from .brdf import mirror
 from .models import RESPONSES, Model
-from .switch import summed
-from .tiles import LIGHTS, Dots, blocks, distant, near, responses
+from .switch import answers, summed
+from .tiles import Dots, distant, near
 
 __all__ = [
     "LightSet",
@@ -159,15 +159,7 @@ def transfer(
     """
     maps = _maps(normal, position, roughness, camera_centre)
     where = _tensor(directions, normal.device).double()
-    answer = normal.new_empty(RESPONSES[model], len(where), normal.shape[1])
-    for texels in blocks(len(where), normal.shape[1]):
-        local = tuple(values[..., texels] for values in maps)
-        for start in range(0, len(where), LIGHTS):
-            some = slice(start, start + LIGHTS)
-            seen = None if visibility is None else visibility[some, texels]
-            for row, one in zip(answer, responses(distant, where[some], seen, local, model, normal.dtype), strict=True):
-                row[some, texels] = one
-    return answer
+    return answers(where, visibility, maps, model, normal.dtype)
 
 
 def relight(known: Tensor, irradiance: Array) -> tuple[Tensor, Tensor]:

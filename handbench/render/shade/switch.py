@@ -5,8 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from .fused import fused_responses, usable
-from .tiles import Dots, distant, tiles
+from .fused import fused_answers, fused_responses, usable
+from .models import RESPONSES
+from .tiles import LIGHTS, Dots, blocks, distant, responses, tiles
 
 _FUSE = 1 << 20
 """From this many pairs on the fused kernel, which takes a second or two to compile for a shape, beats tiles."""
@@ -30,3 +31,20 @@ def summed(
         normal, view, _, roughness = maps
         return fused_responses(model, normal, view, roughness, where, power, seen)
     return tiles(dots, where, power, seen, maps, model)
+
+
+def answers(where: Tensor, seen: Tensor | None, maps: tuple[Tensor, ...], model: str, dtype: torch.dtype) -> Tensor:
+    """The responses (K, L, N) to each of L distant lights of unit power, tile by tile or fused; without gradients."""
+    normal, view, _, roughness = maps
+    large = len(where) * len(roughness) >= min(_FUSE, _DRAW)
+    if large and roughness.device.type == "cpu" and dtype == torch.float32 and usable():
+        return fused_answers(model, normal, view, roughness, where, seen)
+    answer = normal.new_empty(RESPONSES[model], len(where), len(roughness), dtype=dtype)
+    for texels in blocks(len(where), len(roughness)):
+        local = tuple(values[..., texels] for values in maps)
+        for start in range(0, len(where), LIGHTS):
+            some = slice(start, start + LIGHTS)
+            part = None if seen is None else seen[some, texels]
+            for row, one in zip(answer, responses(distant, where[some], part, local, model, dtype), strict=True):
+                row[some, texels] = one
+    return answer
