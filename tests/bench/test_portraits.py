@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -28,14 +29,26 @@ def told(label: str):  # type: ignore[no-untyped-def]
     return lambda step, total, **values: None
 
 
+@pytest.fixture(scope="module")
+def untouched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the first test makes the run that all get copies of."""
+    return tmp_path_factory.mktemp("untouched") / "run"
+
+
 @pytest.fixture
 def ran(
-    fakes: ModuleType, toy_protocol: Callable[..., Protocol], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    fakes: ModuleType,
+    toy_protocol: Callable[..., Protocol],
+    untouched: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> Path:
     protocol = toy_protocol()
     monkeypatch.setattr("handbench.bench.reopening.find_protocol", lambda name: protocol)
-    run(protocol, ["oracle", "toy", "toy-crash-train"], [0, 1], out=tmp_path / "run")
-    return tmp_path / "run"
+    if not untouched.exists():
+        run(protocol, ["oracle", "toy", "toy-crash-train"], [0, 1], out=untouched)
+        fakes.CALLS.clear()
+    return Path(shutil.copytree(untouched, tmp_path / "run"))
 
 
 def test_a_subject_of_a_run_is_drawn_with_its_kept_training(ran: Path, fakes: ModuleType) -> None:

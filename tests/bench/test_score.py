@@ -50,18 +50,24 @@ def protocol(fakes, toy_protocol):
     return toy_protocol(methods=["oracle", "toy"])
 
 
+@pytest.fixture(scope="module")
+def untouched(tmp_path_factory) -> Path:
+    """Where the first test makes the folder that all get copies of."""
+    return tmp_path_factory.mktemp("untouched") / "theirs"
+
+
 @pytest.fixture
-def folder(protocol, tmp_path) -> Path:
+def folder(protocol, untouched, tmp_path) -> Path:
     """A folder that is fit: the truth, halved."""
-    place = tmp_path / "theirs"
-    template(protocol, place)
-    complete(place)
-    capture = CAPTURES.load("toy")(size="tiny")
-    for frames in resolve(protocol, capture.frames()).scored.values():
-        for frame in frames:
-            seen = capture.observe(frame)
-            draw(place, frame.key, 0.5 * seen.image, seen.alpha)
-    return place
+    if not untouched.exists():
+        template(protocol, untouched)
+        complete(untouched)
+        capture = CAPTURES.load("toy")(size="tiny")
+        for frames in resolve(protocol, capture.frames()).scored.values():
+            for frame in frames:
+                seen = capture.observe(frame)
+                draw(untouched, frame.key, 0.5 * seen.image, seen.alpha)
+    return Path(shutil.copytree(untouched, tmp_path / "theirs"))
 
 
 @pytest.fixture
