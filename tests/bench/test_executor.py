@@ -406,12 +406,16 @@ def nodes(toys: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     ray = pytest.importorskip("ray", reason="ray is not installed: pip install 'handbench[ray]'")
     from ray.cluster_utils import Cluster
 
-    for name, value in {"RAY_USAGE_STATS_ENABLED": "0", "RAY_AUTH_MODE": "disabled", "OMP_NUM_THREADS": "1"}.items():
+    often = {"RAY_health_check_period_ms": "300"}  # five refusals are a dead node, by default after ten seconds
+    quiet = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_AUTH_MODE": "disabled", "OMP_NUM_THREADS": "1"}
+    for name, value in {**often, **quiet}.items():
         monkeypatch.setenv(name, value)
     small = {"object_store_memory": 80 * 2**20, "include_dashboard": False}
-    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, **small})
+    alone = {"no_monitor": True, "include_log_monitor": False}  # nobody adds nodes by need or reads what workers print
+    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, **alone, **small})
     try:
-        made.workers = [made.add_node(num_cpus=1, **small) for _ in range(2)]
+        made.workers = [made.add_node(wait=False, num_cpus=1, **small) for _ in range(2)]
+        made.wait_for_nodes(PATIENCE)
         monkeypatch.setenv("RAY_ADDRESS", made.address)
         yield made
     finally:
