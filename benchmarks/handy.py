@@ -22,7 +22,7 @@ from handbench.data.openstage.skin import SkinLook, make_skin
 from handbench.data.openstage.tattoo import Tattoo
 from handbench.hand.openhand import OpenHand
 from handbench.methods.handy.generator import LAYERS, SIZE, Generator, shipped
-from handbench.metrics.networks import features, weights
+from handbench.metrics.networks import features, network_weights
 from handbench.scene.colour import srgb
 
 _FIRST = 20_000  # maintainer/make_handy_generator.py trains on none from here on
@@ -87,7 +87,7 @@ def lpips(network: str, drawn: Tensor, true: Tensor) -> Tensor:
     total = torch.zeros(len(true))
     for layer, (one, two) in enumerate(zip(features(network, drawn), features(network, true), strict=True)):
         apart = [part / (part.norm(dim=1, keepdim=True) + 1e-10) for part in (one, two)]
-        head = weights(f"lpips_{network}")[f"head{layer}.weight"]
+        head = network_weights(f"lpips_{network}")[f"head{layer}.weight"]
         total += (apart[0] - apart[1]).square().mean(dim=(2, 3)) @ head
     return total
 

@@ -22,7 +22,7 @@ from torch.nn.functional import conv2d, max_pool2d
 
 from handbench.memory import keep_freed_memory
 from handbench.metrics import Looks, Metric, Pair, metric, scores
-from handbench.metrics.networks import SCALE, SHIFT, STAGES, weights
+from handbench.metrics.networks import SCALE, SHIFT, STAGES, network_weights
 from handbench.registry import CAPTURES
 from handbench.scene.colour import srgb
 
@@ -95,7 +95,7 @@ class ReferenceMetrics:
     """PSNR and SSIM by scikit-image in float64, LPIPS-Alex by plain torch in float32 and its usual memory order."""
 
     def __init__(self) -> None:
-        self.weights = {name: value.contiguous() for name, value in weights("lpips_alex").items()}
+        self.weights = {name: value.contiguous() for name, value in network_weights("lpips_alex").items()}
 
     def scores(self, prediction: Picture, truth: Picture) -> list[float]:
         psnr = peak_signal_noise_ratio(truth, prediction, data_range=1)

@@ -72,7 +72,7 @@ def in_run(folder: Path) -> list[Kept]:
     return found
 
 
-def chosen(names: Iterable[str], kept: Iterable[Kept]) -> list[Kept]:
+def entries_named(names: Iterable[str], kept: Iterable[Kept]) -> list[Kept]:
     """The entries of some names. Raises `InputError` for an unknown one."""
     by_name = {each.name: each for each in kept}
     for name in names:
@@ -104,7 +104,7 @@ def size(path: Path) -> int:
         return 0
 
 
-def told(count: int) -> str:
+def bytes_told(count: int) -> str:
     """Bytes for people: "1.4 GB"."""
     value = float(count)
     for unit in ("B", "kB", "MB"):

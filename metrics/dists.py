@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn.functional import conv2d
 
 from .base import Family
-from .networks import batch, features, strides, weights
+from .networks import batch, features, network_weights, strides
 from .tiles import Tile, tiles
 from .truths import remembered
 from .view import View
@@ -89,7 +89,7 @@ def _l2_pool(x: Tensor, window: int, stride: int) -> Tensor:
 @cache
 def _weights() -> tuple[Tensor, Tensor]:
     """alpha and beta, (1475,) each, one a channel; together they sum to 1."""
-    stored = weights("dists")
+    stored = network_weights("dists")
     total = stored["alpha"].sum() + stored["beta"].sum()
     return stored["alpha"] / total, stored["beta"] / total
 

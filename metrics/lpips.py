@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from .base import Family
-from .networks import STAGES, batch, features, strides, weights
+from .networks import STAGES, batch, features, network_weights, strides
 from .tiles import Tile, tiles
 from .truths import remembered
 from .view import View
@@ -23,7 +23,7 @@ from .view import View
 
 def lpips(network: str, view: View) -> float:
     """The distance, 0 for equal images, of "alex" or "vgg". Images go one by one: batches are no faster on a CPU."""
-    heads = [weights(f"lpips_{network}")[f"head{layer}.weight"] for layer in range(len(STAGES[network]))]
+    heads = [network_weights(f"lpips_{network}")[f"head{layer}.weight"] for layer in range(len(STAGES[network]))]
     found: list[list[tuple[float, int]]] = [[] for _ in heads]  # mean and number of features, by layer and tile
     with torch.no_grad():  # not inference_mode: the weights that it loads may be trained through later
         for tile in tiles(*view.support.shape):

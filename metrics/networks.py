@@ -61,7 +61,7 @@ def strides(network: str) -> list[int]:
 
 
 @cache
-def weights(name: str) -> dict[str, Tensor]:
+def network_weights(name: str) -> dict[str, Tensor]:
     """The float32 tensors of a file in `weights/`: "lpips_alex", "lpips_vgg" or "dists".
 
     Of a network conv{i}.weight (channels last), conv{i}.bias, and head{i}.weight of LPIPS v0.1.
@@ -90,7 +90,7 @@ def features(
 
     Images are at least 32 pixels wide and high. `pool(x, window, stride)` makes maps smaller between stages.
     """
-    named = weights(f"lpips_{network}")
+    named = network_weights(f"lpips_{network}")
     shift, scale = (torch.tensor(v).view(1, 3, 1, 1) for v in (SHIFT, SCALE))
     x = ((2.0 * images - 1.0 - shift) / scale).contiguous(memory_format=torch.channels_last)
     taps, index = [], 0
@@ -116,4 +116,4 @@ def _worth_winograd(x: Tensor, weight: Tensor, stride: int) -> bool:
 
 @cache
 def _transformed(network: str, index: int) -> Tensor:
-    return winograd.transformed(weights(f"lpips_{network}")[f"conv{index}.weight"])
+    return winograd.transformed(network_weights(f"lpips_{network}")[f"conv{index}.weight"])

@@ -17,7 +17,7 @@ from .curves import LossPlot
 from .figures import ERROR_SCALE, Panel
 from .frames import KINDS
 from .model import LIGHT_TITLES, Aggregate, MetricColumn, Table
-from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments, numbered, shown, told
+from .pareto import FRAME, HEIGHT, TIMES, WIDTH, Plot, draw, enrolments, in_words, numbered, shown
 from .pictures import colour_stops, error_uri, image_uri, svg_uri
 from .printed import (
     SUNK,
@@ -81,7 +81,7 @@ def render_page(table: Table, run: Run, also: PageContent) -> str:
         headline=headline,
         sentence=sentence,
     )
-    page.globals.update(draw=draw, told=told, shown=shown, times=TIMES, frame=FRAME, width=WIDTH, height=HEIGHT)
+    page.globals.update(draw=draw, told=in_words, shown=shown, times=TIMES, frame=FRAME, width=WIDTH, height=HEIGHT)
     page.globals.update(enrolments=enrolments, numbered=numbered)
     studies = {"speed": speed_section(run.folder), "stress": stress_section(run.folder)}
     panels = groupby(also.panels, key=lambda panel: panel.kind)

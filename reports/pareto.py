@@ -152,7 +152,7 @@ def draw(plot: Plot) -> PlotLayout:
     return PlotLayout(x_ticks, y_ticks, marks, corners, bars)
 
 
-def told(plot: Plot) -> str:
+def in_words(plot: Plot) -> str:
     """The plot in words, from fast to slow: for those who do not see it."""
     parts = []
     for point in plot.points:

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import Changed, Unsupported
 from ..method import Avatar, Method, MethodInfo, Progress
 from ..recording import Recording
-from ..results.laws import measured
+from ..results.laws import measured_laws
 from ..results.measured import CellTimes, Cost, CurvePoint, Laws, ScoredFrame, SkippedShare
 from ..scene import Frame, Prediction
 from ..skips import tallied
@@ -201,7 +201,7 @@ def _relight(
     lit = [frame for frame in drawable if frame.key not in bench.selected.as_enrolled]
     if info.truth or not lit:
         return found, Laws
-    return found, partial(measured, avatar, lit, ask(frames[-1]))
+    return found, partial(measured_laws, avatar, lit, ask(frames[-1]))
 
 
 def _failed(bench: Bench, scored: Iterable[tuple[str, Frame]], why: Failure, times: CellTimes) -> CellMeasurement:

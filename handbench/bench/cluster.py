@@ -91,7 +91,7 @@ def _drive(
             try:
                 settled = set(ray.get(ready))
             except ray.exceptions.RayTaskError as error:
-                raise told(error) from None
+                raise task_failure(error) from None
             except ray.exceptions.RayError as error:
                 reason = f"its worker was lost {_RETRIES + 1} times ({type(error).__name__})"
                 settled = {cell.key for cell in (group[:1] if site.job.store.prior(group[0].prior) else group)}
@@ -109,7 +109,7 @@ def _drive(
     return Done(len(cells) - len(lost), lost)
 
 
-def told(error: Any) -> Exception:
+def task_failure(error: Any) -> Exception:
     """What a task raised, as the user should hear it; a bug keeps its traceback."""
     if isinstance(error.cause, HandbenchError):
         return error.cause

@@ -17,7 +17,7 @@ from ..errors import InputError, unknown_name
 from ..method import Progress, silent
 from ..registry import CAPTURES
 from ..shards import Shard
-from .cluster import on_cluster, soon, told
+from .cluster import on_cluster, soon, task_failure
 from .progress import Steps
 from .run import EXECUTORS
 
@@ -100,7 +100,7 @@ def _on_ray(capture: CaptureName, size: str, folder: Path | None, progress: Prog
                 try:
                     ray.get(ready)
                 except ray.exceptions.RayTaskError as error:
-                    raise told(error) from None
+                    raise task_failure(error) from None
                 except ray.exceptions.RayError as error:
                     reason = f"its workers were lost again and again ({type(error).__name__})"
                     raise InputError(f"a part of {capture} {size} is not made: {reason}; run again") from None

@@ -31,7 +31,7 @@ def narrowed(protocol: Protocol, subjects: Sequence[str] | None = None, limit: i
     published = tuple(
         replace(row, values=tuple(value for value in row.values if value[0] in names)) for row in protocol.published
     )
-    title = f"{protocol.title}: {told(subjects, limit)}"
+    title = f"{protocol.title}: {what_is_left(subjects, limit)}"
     part = "-".join([*(subjects or ()), *([f"limit-{limit}"] if limit else [])])
     return replace(protocol, title=title, columns=columns, published=published, part=part)
 
@@ -46,7 +46,7 @@ def narrowed_as(protocol: Protocol, title: str) -> Protocol:
     return narrowed(protocol, subjects, int(found[2]) if found[2] else None)
 
 
-def told(subjects: Sequence[str] | None, limit: int | None) -> str:
+def what_is_left(subjects: Sequence[str] | None, limit: int | None) -> str:
     """What is left, in words."""
     words = [f"only {', '.join(subjects)}"] if subjects else []
     words += [f"at most {limit} frame{'s' * (limit > 1)} a column"] if limit else []

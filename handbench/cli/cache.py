@@ -39,7 +39,7 @@ def _cache(arguments: argparse.Namespace) -> int:
     runs = {name: keeping.in_run(Path(name)) for name in arguments.what if keeping.is_run(name)}
     named = [name for name in arguments.what if name not in runs]
     kept = keeping.in_cache()
-    entries = keeping.chosen(named, kept) if arguments.what else kept
+    entries = keeping.entries_named(named, kept) if arguments.what else kept
     freed = 0
     if arguments.clean:
         paths = [path for each in entries for path in each.paths]
@@ -47,7 +47,7 @@ def _cache(arguments: argparse.Namespace) -> int:
     if arguments.json:
         _tell(entries, runs, freed)
     elif arguments.clean:
-        say(f"{keeping.told(freed)} removed")
+        say(f"{keeping.bytes_told(freed)} removed")
     else:
         _say(entries, runs, whole=not arguments.what)
     return 0
@@ -55,18 +55,18 @@ def _cache(arguments: argparse.Namespace) -> int:
 
 def _say(entries: list[Kept], runs: dict[str, list[Kept]], whole: bool) -> None:
     from ..cache import cache_folder
-    from ..keeping import told
+    from ..keeping import bytes_told
 
     if whole:
-        say(f"{cache_folder()}: {told(sum(each.bytes for each in entries))}")
+        say(f"{cache_folder()}: {bytes_told(sum(each.bytes for each in entries))}")
     width = max((len(each.name) for each in entries), default=0)
     for each in entries:
-        say(f"  {each.name:<{width}}  {told(each.bytes):>8}  {each.what}")
+        say(f"  {each.name:<{width}}  {bytes_told(each.bytes):>8}  {each.what}")
     for name, parts in runs.items():
-        say(f"{name}: {told(sum(part.bytes for part in parts))}")
+        say(f"{name}: {bytes_told(sum(part.bytes for part in parts))}")
         for part in parts:
-            left = f"; {told(part.left_bytes)} in {len(part.left)} left by earlier plans" if part.left else ""
-            say(f"  {part.name:<11}  {told(part.bytes):>8}  {part.what}{left}")
+            left = f"; {bytes_told(part.left_bytes)} in {len(part.left)} left by earlier plans" if part.left else ""
+            say(f"  {part.name:<11}  {bytes_told(part.bytes):>8}  {part.what}{left}")
 
 
 def _tell(entries: list[Kept], runs: dict[str, list[Kept]], freed: int) -> None:

@@ -13,8 +13,8 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..scene import Array, Mesh, Pose, Topology
-from .kept import Kept
 from .skinning import linear_blend, rotation_matrix
+from .watched import Watched
 
 Side: TypeAlias = Literal["left", "right"]
 
@@ -61,9 +61,9 @@ class HandModel(ABC):
     limits: Array | None = None
 
     @cached_property
-    def kept(self) -> Kept:
+    def kept(self) -> Watched:
         """What is worked out of this hand once, for all who use it: `hand.kept(key, make)`."""
-        return Kept(HandModel)
+        return Watched(HandModel)
 
     # -- shapes and poses -------------------------------------------------------------------------------------------
 

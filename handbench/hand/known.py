@@ -11,13 +11,13 @@ from ..errors import Absent, Unsupported
 from ..registry import HANDS
 from ..scene import Pose, Topology
 from .handmodel import HandModel
-from .kept import Kept
+from .watched import Watched
 
 SHIPPED = "openhand"
 """The hand that comes with handbench."""
 
 
-_models = Kept(HandModel)
+_models = Watched(HandModel)
 
 
 def hand_model(name: str = SHIPPED) -> HandModel:

@@ -57,7 +57,7 @@ def catmull_clark(quads: NDArray[Any], count: int) -> Step:
     return Step(sp.csr_array(sp.vstack([vertex_points, face_points, edge_points])), fine)
 
 
-def linear(quads: NDArray[Any], count: int) -> Step:
+def linear_step(quads: NDArray[Any], count: int) -> Step:
     """Subdivision that moves nothing, for UVs: new points are the means of their corners; borders are allowed."""
     fine, edges, _ = _split(quads, count)
     face_of = np.broadcast_to(np.arange(len(quads))[:, None], quads.shape)

@@ -66,7 +66,7 @@ def _apart(one: Array, other: Array) -> float:
     return deviation(one, other) if np.isfinite(one).all() else float("inf")
 
 
-def measured(avatar: Avatar, frames: Sequence[Frame], query: Query) -> Laws:
+def measured_laws(avatar: Avatar, frames: Sequence[Frame], query: Query) -> Laws:
     """The greatest deviations of an avatar: lights of scored frames in a query's pose and camera.
 
     One pose and camera, and lights that are drawn once, keep this cheap. A pair that the method cannot draw is left

@@ -23,7 +23,7 @@ from ..kit.layers import channels_last
 from .config import GeometryConfig
 from .networks import OFFSET, IdentityDecoder, IdentityEncoder, PoseDecoder, PoseEncoder, principal
 from .scan import PointCloud, depth_maps
-from .skeleton import ToldPose, bone_weights, directions, forward
+from .skeleton import ToldPose, bone_weights, forward, pose_told_by
 
 _NEAR, _FAR = 0.004, 0.1  # metres that count as one: joints about the template's, joints about the wrist
 
@@ -118,7 +118,7 @@ class GeometryModel(nn.Module):
     def told(self, shape: Shape, observed: Array) -> ToldPose:
         """The pose that key points (P, 3) tell of this hand in closed form; not differentiated through."""
         points = shape.points.detach().double()
-        return directions(self.hand, points, torch.tensor(observed, dtype=points.dtype, device=points.device))
+        return pose_told_by(self.hand, points, torch.tensor(observed, dtype=points.dtype, device=points.device))
 
     def posed(self, shape: Shape, told: ToldPose, beyond: Tensor) -> DecodedHand:
         """Template + identity and pose correctives, linear blend skinning, subdivision to the capture's level."""

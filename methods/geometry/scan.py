@@ -93,7 +93,7 @@ def _splat(x: Array, y: Array, values: Array, size: int) -> Array:
     return total.reshape(size, size)
 
 
-def picture(image: Array, camera: Camera, points: Array, size: int) -> Tensor:
+def square_picture(image: Array, camera: Camera, points: Array, size: int) -> Tensor:
     """The square (3, size, size) of a picture around key points (P, 3), as sRGB display values."""
     pixels, _ = camera.project(points)
     low, high = pixels.min(axis=0), pixels.max(axis=0)

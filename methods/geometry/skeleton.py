@@ -104,7 +104,7 @@ class ToldPose:
 
 
 @torch.no_grad()
-def directions(hand: HandModel, rest: Tensor, observed: Tensor) -> ToldPose:
+def pose_told_by(hand: HandModel, rest: Tensor, observed: Tensor) -> ToldPose:
     """The pose that observed key points (P, 3) tell of a skeleton `rest` (P, 3) in closed form; both float64.
 
     The palm's points give the hand's rotation, the forearm's direction, where there is a forearm, splits the wrist's

@@ -21,7 +21,7 @@ from ..kit.weights import load_state, save_state
 from .config import GeometryConfig, configuration
 from .model import GeometryModel, Shape, combined
 from .neutral import Neutral, full_frames, neutral
-from .scan import picture
+from .scan import square_picture
 from .skeleton import ToldPose
 from .training import train
 
@@ -75,7 +75,7 @@ class GeometryPrior:
         told = model.told(person.shape, observed)
         added = [
             model.beyond(
-                picture(lit.observe(f).image, f.camera, observed, model.config.image), f.camera, observed, told
+                square_picture(lit.observe(f).image, f.camera, observed, model.config.image), f.camera, observed, told
             )
             for f in lit.frames
         ]

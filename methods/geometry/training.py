@@ -18,7 +18,7 @@ from .model import GeometryModel
 from .nearest import closest
 from .networks import divergence
 from .neutral import Neutral, full_frames, neutral, warped
-from .scan import PointCloud, picture, point_cloud
+from .scan import PointCloud, point_cloud, square_picture
 
 _MM = 1000.0
 _HANDS = 256  # that the identity networks start from
@@ -30,7 +30,7 @@ class _Sample:
 
     subject: str
     camera: Camera
-    picture: Tensor
+    square_picture: Tensor
     observed: Array
     scan: Array
 
@@ -63,7 +63,7 @@ class Lesson:
             points = point_cloud(views).points
             for frame, seen in views:
                 observed = self.neutrals[frame.subject].observed(needed(frame.pose, "pose"))
-                drawn = picture(seen.image, frame.camera, observed, model.config.image)
+                drawn = square_picture(seen.image, frame.camera, observed, model.config.image)
                 self.samples.append(_Sample(frame.subject, frame.camera, drawn, observed, points))
 
     def hands(self, rng: np.random.Generator) -> list[Array]:

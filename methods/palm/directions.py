@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from handbench.errors import InputError
-from handbench.render.shade.brdf import distribution, mirror
+from handbench.render.shade.brdf import base_reflectance, distribution
 from handbench.scene import Array
 
 from .light import LightSampler, frame
@@ -116,7 +116,7 @@ def _density(sky: LightSampler, towards: Tensor) -> Tensor:
 def _glossy(material: Material) -> Tensor:
     """The share (P) of directions that are drawn for the lobe: of what it and the diffuse part reflect head-on."""
     weights = torch.tensor(_LUMINANCE)
-    lobe = mirror(material.albedo, material.metallic[:, None]) @ weights
+    lobe = base_reflectance(material.albedo, material.metallic[:, None]) @ weights
     diffuse = (1.0 - material.metallic) * (material.albedo @ weights)
     return (lobe / (lobe + diffuse).clamp_min(1e-6)).clamp(0.1, 0.9)
 

@@ -20,7 +20,7 @@ from typing import Literal, TypeAlias
 import torch
 from torch import Tensor
 
-from handbench.render.shade.brdf import F1, F2, SMALL, clamp_roughness, distribution, masking, mirror
+from handbench.render.shade.brdf import F1, F2, SMALL, base_reflectance, clamp_roughness, distribution, masking
 
 Form: TypeAlias = Literal["released", "squared"]
 """How wide a lobe a roughness means, see the module."""
@@ -71,7 +71,11 @@ def coloured(material: Material, answers: Responses, power: Tensor) -> Tensor:
     pattern = "pd,dc->pc" if power.ndim == 2 else "pd,pdc->pc"
     diffuse, head_on, edge = (torch.einsum(pattern, answer, power) for answer in answers)
     metallic = material.metallic[:, None]
-    return (1.0 - metallic) * material.albedo * diffuse / math.pi + mirror(material.albedo, metallic) * head_on + edge
+    return (
+        (1.0 - metallic) * material.albedo * diffuse / math.pi
+        + base_reflectance(material.albedo, metallic) * head_on
+        + edge
+    )
 
 
 def seen_through(answers: Responses, seen: Tensor) -> Responses:

@@ -18,7 +18,7 @@ from handbench.errors import Unsupported
 from handbench.scene.colour import srgb
 
 from ..base import PairFamily
-from ..networks import STAGES, features, strides, weights
+from ..networks import STAGES, features, network_weights, strides
 from ..pair import Pair
 from ..tiles import tiles
 
@@ -151,7 +151,7 @@ def _distances(network: str, one: NDArray[np.floating], other: NDArray[np.floati
         raise Unsupported(
             f"picture of {one.shape[0]}x{one.shape[1]} pixels is smaller than the {_LEAST[network]} that LPIPS needs"
         )
-    heads = [weights(f"lpips_{network}")[f"head{i}.weight"] for i in range(len(STAGES[network]))]
+    heads = [network_weights(f"lpips_{network}")[f"head{i}.weight"] for i in range(len(STAGES[network]))]
     rows: list[list[list[Tensor]]] = [[] for _ in heads]  # by layer: rows of tiles
     with torch.no_grad():
         for tile in tiles(*one.shape[:2]):

@@ -9,7 +9,7 @@ import pytest
 
 from handbench.errors import Unsupported
 from handbench.method import Avatar, PosedAvatar
-from handbench.results.laws import deviation, deviations, drawing, measured, pairs_of
+from handbench.results.laws import deviation, deviations, drawing, measured_laws, pairs_of
 from handbench.scene import (
     Array,
     Camera,
@@ -93,15 +93,15 @@ def test_each_law_can_break_alone() -> None:
             several = len(list(leaves(light))) > 1
             return Prediction(answer.image * (0.9 if several else 1.0), answer.alpha)
 
-    dimmed = measured(Dimmed(exposed), FRAMES, FRAMES[0].query)
+    dimmed = measured_laws(Dimmed(exposed), FRAMES, FRAMES[0].query)
     assert dimmed.homogeneity < 1e-6 and dimmed.additivity == pytest.approx(0.1, rel=1e-3)
-    biased = measured(Shaded(lambda p: p + 1.0), FRAMES, FRAMES[0].query)
+    biased = measured_laws(Shaded(lambda p: p + 1.0), FRAMES, FRAMES[0].query)
     assert biased.homogeneity > 0.01 and biased.additivity > 0.01
 
 
 def test_a_linear_avatar_is_asked_thirteen_times_in_one_pose_and_camera() -> None:
     avatar = Shaded(lambda p: 0.3 * p)
-    found = measured(avatar, FRAMES, FRAMES[2].query)
+    found = measured_laws(avatar, FRAMES, FRAMES[2].query)
     assert found.pairs == 3 and found.reason is None
     assert max(found.additivity, found.homogeneity, found.linearity) < 1e-6
     assert len(avatar.asked) == 13
@@ -130,14 +130,14 @@ def test_what_a_method_cannot_draw_is_left_out_and_told() -> None:
                 raise Unsupported("no environments")
             return super().draw(viewpoint, light)
 
-    found = measured(Picky(lambda p: p), FRAMES, FRAMES[0].query)
+    found = measured_laws(Picky(lambda p: p), FRAMES, FRAMES[0].query)
     assert found.pairs == 2 and found.reason == "Unsupported: no environments"
-    nothing = measured(Picky(lambda p: 1 / 0), FRAMES, FRAMES[0].query)
+    nothing = measured_laws(Picky(lambda p: 1 / 0), FRAMES, FRAMES[0].query)
     assert (nothing.pairs, nothing.linearity) == (0, None)
 
 
 def test_pictures_that_are_not_finite_leave_no_number() -> None:
-    found = measured(Shaded(lambda p: np.nan if p > 2 else p), FRAMES[:4], FRAMES[0].query)
+    found = measured_laws(Shaded(lambda p: np.nan if p > 2 else p), FRAMES[:4], FRAMES[0].query)
     assert found.linearity is None and found.reason.startswith("non-finite")
 
 

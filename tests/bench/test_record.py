@@ -22,7 +22,7 @@ from handbench.reports import render_csv, render_latex, render_markdown, render_
 from handbench.reports.curves import curves
 from handbench.reports.figures import chosen
 from handbench.reports.page import PageContent, render_page
-from handbench.reports.pareto import draw, plots, told
+from handbench.reports.pareto import draw, in_words, plots
 from handbench.results.gate import Quality, gate
 from handbench.results.measured import CellTimes, CurvePoint, ScoredFrame, Spread
 from handbench.results.query import ResultsDatabase
@@ -169,7 +169,7 @@ def everything(folder: Path, beside: Path) -> None:
     for text in (render_csv(made), render_latex(made), render_markdown(made)):
         text.encode()
     for plot in plots(made):
-        draw(plot), told(plot)
+        draw(plot), in_words(plot)
     render_page(made, run, PageContent())
     curves(run), chosen(run), render_terminal(made)
     gate(run, read_run(beside), Quality(), 0.25)

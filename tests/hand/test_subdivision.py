@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from handbench.hand.openhand import OpenHand
-from handbench.hand.subdivision import catmull_clark, linear
+from handbench.hand.subdivision import catmull_clark, linear_step
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 CUBE_QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
@@ -79,7 +79,7 @@ def test_subdivision_is_differentiable(hand: OpenHand) -> None:
 def test_a_point_of_the_skin_keeps_its_uv(hand: OpenHand) -> None:
     for level in (0, 1):
         coarse, fine = hand.topology(level), hand.topology(level + 1)
-        step = linear(hand.template.uv_quads, len(hand.template.uvs))
+        step = linear_step(hand.template.uv_quads, len(hand.template.uvs))
         # the first corner of fine quad 4 q + k is corner k of coarse quad q, at every level
         old = np.stack(
             [coarse.uv_faces[0::2, 0], coarse.uv_faces[0::2, 1], coarse.uv_faces[0::2, 2], coarse.uv_faces[1::2, 2]], 1

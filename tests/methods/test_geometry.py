@@ -23,8 +23,8 @@ from handbench.methods.geometry.model import _NEAR, GeometryModel, combined
 from handbench.methods.geometry.nearest import closest
 from handbench.methods.geometry.networks import divergence
 from handbench.methods.geometry.neutral import neutral, warped
-from handbench.methods.geometry.scan import depth_maps, picture, point_cloud
-from handbench.methods.geometry.skeleton import ToldPose, directions, posed_points, regressor
+from handbench.methods.geometry.scan import depth_maps, point_cloud, square_picture
+from handbench.methods.geometry.skeleton import ToldPose, pose_told_by, posed_points, regressor
 from handbench.methods.geometry.training import Lesson, laplacian
 from handbench.methods.kit.weights import save_state
 from handbench.metrics.geometry.points import point_error
@@ -101,7 +101,7 @@ def test_directions_put_every_joint_where_it_was_seen() -> None:
     for _ in range(5):
         pose = Pose(sample_pose(rng).joints, rng.normal(size=3), rng.normal(size=3))
         observed = posed_points(HAND, HAND.points, pose)
-        tensors = directions(HAND, torch.tensor(HAND.points), torch.tensor(observed))
+        tensors = pose_told_by(HAND, torch.tensor(HAND.points), torch.tensor(observed))
         told = combined(tensors, torch.zeros(len(HAND.parents) + 2, 3))
         np.testing.assert_allclose(posed_points(HAND, HAND.points, told), observed, atol=1e-9)
         flexion = [HAND.joint_names.index(f"index{k}") for k in (2, 3)]  # hinges: a swing tells all
@@ -175,7 +175,7 @@ def test_scans_lie_on_the_tracked_surface(lit: Recording) -> None:
 def test_the_picture_is_cut_around_the_hand(lit: Recording) -> None:
     frame = lit.frames[0]
     found = neutral(lit.of_subject(frame.subject)).observed(frame.pose)
-    seen = picture(np.repeat(lit.observe(frame).alpha[..., None], 3, 2), frame.camera, found, 64)
+    seen = square_picture(np.repeat(lit.observe(frame).alpha[..., None], 3, 2), frame.camera, found, 64)
     rows, columns = (np.flatnonzero(seen[0].numpy().max(axis=axis) > 0.5) for axis in (1, 0))
     assert rows[0] > 0 and len(rows) > 30 and 15 < len(columns) < 64
 

@@ -32,7 +32,7 @@ from handbench.methods.handy.lobe import lobe
 from handbench.methods.handy.method import HandyAvatar
 from handbench.methods.handy.pictures import DisplayCrop, Sitting, sitting
 from handbench.methods.kit.enrolled import Enrolled, PosedPicture
-from handbench.metrics.networks import features, weights
+from handbench.metrics.networks import features, network_weights
 from handbench.recording import PARTS, Recording
 from handbench.render.uv.atlas import Atlas
 from handbench.scene import Array, Directional, Frame, Group, Mesh, Topology, Unknown, needed
@@ -138,7 +138,9 @@ def lpips(network: str, drawn: torch.Tensor, true: torch.Tensor) -> float:
         zip(*(features(network, part.clamp(0, 1)) for part in (drawn, true)), strict=True)
     ):
         one, two = (torch.nn.functional.normalize(part, dim=1) for part in (one, two))
-        total += float((one - two).square().mean(dim=(0, 2, 3)) @ weights(f"lpips_{network}")[f"head{layer}.weight"])
+        total += float(
+            (one - two).square().mean(dim=(0, 2, 3)) @ network_weights(f"lpips_{network}")[f"head{layer}.weight"]
+        )
     return total
 
 

@@ -13,7 +13,7 @@ from handbench.reports import render_terminal
 from handbench.reports.build import build
 from handbench.reports.latex import render_latex
 from handbench.reports.page import PageContent, render_page
-from handbench.reports.pareto import draw, enrolments, plots, told
+from handbench.reports.pareto import draw, enrolments, in_words, plots
 from handbench.reports.pareto_figures import pareto_figures
 from handbench.reports.text import render_csv, render_markdown
 from handbench.results.reading import read_run
@@ -64,7 +64,7 @@ def test_equal_enrolment_has_no_mark(enrolled):
 def test_fronts_are_marked_where_enrolment_differs(enrolled):
     for plot in plots(enrolled(urhand="one picture")):
         assert all(point.unequal == (point.kind == "front") for point in plot.points)
-        assert "URHand ≠ (one picture)" in told(plot) or "URHand" not in {p.title for p in plot.front}
+        assert "URHand ≠ (one picture)" in in_words(plot) or "URHand" not in {p.title for p in plot.front}
         assert "one picture (URHand)" in enrolments([plot]) and "Phong" in enrolments([plot])
         assert {mark.text for *_, mark in draw(plot).marks if "≠" in mark.text} == {f"{p.title} ≠" for p in plot.front}
     equal = plots(enrolled(oracle="the truth"))

@@ -18,7 +18,7 @@ from matplotlib.textpath import TextPath
 from handbench.reports import table, write_reports
 from handbench.reports.cost import MethodTimes, Span
 from handbench.reports.model import Aggregate, ColumnGroup, MetricColumn, Row, Table
-from handbench.reports.pareto import FRAME, TIMES, WIDTH, Plot, clock, draw, plots, seconds, told
+from handbench.reports.pareto import FRAME, TIMES, WIDTH, Plot, clock, draw, in_words, plots, seconds
 from handbench.reports.pareto_figures import pareto_figures
 from handbench.reports.places import SIZE, width
 from handbench.results.record import MetricRecord
@@ -81,7 +81,9 @@ def test_calibration_and_gaps_are_drawn_but_never_on_the_front() -> None:
         "slow": "front",
         "slower": "beaten",
     }
-    assert "gap: 2 ms, 33.00 dB, frames missing" in told(plot) and "slow: 50 ms, 30.00 dB, on the front" in told(plot)
+    assert "gap: 2 ms, 33.00 dB, frames missing" in in_words(
+        plot
+    ) and "slow: 50 ms, 30.00 dB, on the front" in in_words(plot)
 
 
 def test_what_is_not_drawn_is_named() -> None:

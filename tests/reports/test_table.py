@@ -15,8 +15,8 @@ from handbench.errors import InputError
 from handbench.reports import render_csv, render_markdown, table, write_reports
 from handbench.reports.aggregate import Footnotes
 from handbench.reports.model import Aggregate, Row, Table
+from handbench.reports.pareto import in_words as told_plot
 from handbench.reports.pareto import plots
-from handbench.reports.pareto import told as told_plot
 from handbench.reports.printed import MEMORY_TITLES, letter, memory_texts, number, signed
 from handbench.results.measured import Cost
 from handbench.results.reading import read_run

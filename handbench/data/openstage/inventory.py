@@ -65,7 +65,7 @@ def content(sums: Mapping[str, str]) -> str:
     return total.hexdigest()[:16]
 
 
-def measured(folder: Path, names: Collection[str]) -> dict[str, str]:
+def checksums(folder: Path, names: Collection[str]) -> dict[str, str]:
     """The SHA-256 of each file as it is now."""
     return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
 
@@ -86,7 +86,7 @@ def recorded(folder: Path, manifest: Mapping[str, Any]) -> dict[str, str]:
         sums = {name: kept[name] for name in names if name in kept}
         if content(sums) == manifest["content"]:
             return sums
-    sums = measured(folder, names)
+    sums = checksums(folder, names)
     if content(sums) != manifest["content"]:
         raise InputError(f"files of {folder} are not what was generated; delete it and make the capture again")
     with suppress(OSError):  # a folder that cannot be written is looked at again next time

@@ -23,7 +23,7 @@ from ...method import Progress, silent
 from ...scene import Environment
 from ..exr import rgb, write_exr
 from .describe import describe
-from .inventory import content, files, measured, pose_files, recorded, shared_files, write_sums
+from .inventory import checksums, content, files, pose_files, recorded, shared_files, write_sums
 from .manifest import FILE, Manifest, read_manifest
 from .performance import Maker
 from .production import Performance, Production
@@ -161,7 +161,7 @@ def _finish(folder: Path, manifest: Manifest, lost: Collection[str]) -> None:
     with suppress(InputError, OSError):
         before = recorded(folder, read_manifest(folder / FILE))
     names = list(files(manifest))
-    fresh = measured(folder, [name for name in names if name in lost or name not in before])
+    fresh = checksums(folder, [name for name in names if name in lost or name not in before])
     sums = {name: fresh.get(name) or before[name] for name in names}
     write_sums(folder, sums)
     with whole(folder / FILE) as part:

@@ -18,8 +18,8 @@ from .single import FittingSettings, Single, again
 from .solve import State
 from .space import Space
 from .starts import SKIN, distance, starts
-from .terms import gaps, moving
-from .told import told
+from .terms import depth_gaps, moving
+from .told import told_pose
 
 MISSED = 0.025  # of the close-up's side: detectors miss by a fifth of it, and shuffled key points by twice as much
 OVERLAP = 0.8  # intersection over union of masks: hands that fit reach 0.9
@@ -53,7 +53,7 @@ def unit_problem(space: Space, views: Sequence[CloseUp]) -> Problem | None:
         if (measured := distance(view)) is not None:
             ratios.append((measured + SKIN) / far)
             by_depth = True
-        elif (near := told(space, view)) is not None:
+        elif (near := told_pose(space, view)) is not None:
             ratios.append(_middle(space, near) / far)
     if not ratios:
         return None
@@ -177,13 +177,13 @@ class Judge:
         overlap = self._overlap(view, fine, found)
         gap = None
         if view.depth is not None:
-            _, _, off = gaps(fine, rig.faces, view.depth, view)
+            _, _, off = depth_gaps(fine, rig.faces, view.depth, view)
             gap = float(np.median(np.abs(off))) if len(off) else np.inf
             if gap > SURFACE:
                 text = f"the hand's surface is {1e3 * gap:.0f} mm from the measured depth; the fit missed it"
                 found.append(Problem("missed", name, text))
         found += self._cut(view, fine)
-        if (near := told(self._space, view)) is not None:
+        if (near := told_pose(self._space, view)) is not None:
             found += self._off(view, points[rig.key_points], near)
         return missed * view.picture.camera.K[0, 0] / view.K[0, 0], overlap, gap, tuple(found)
 

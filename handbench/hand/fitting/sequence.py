@@ -14,7 +14,7 @@ from .solve import State, solve, value
 from .space import Space
 from .starts import starts
 from .terms import Objective
-from .told import told
+from .told import told_pose
 
 _BESIDE = 3  # pictures on either side that tell what a picture usually costs
 _WORSE = 1.2  # times that: the picture is tried again from its neighbours' hands
@@ -57,7 +57,7 @@ def _one(
 ) -> Placed | None:
     """The hand of a picture between others."""
     near = [hands[i] for i in sorted(hands, key=lambda i: abs(i - index))[:2]]
-    if (own := told(space, view)) is not None:
+    if (own := told_pose(space, view)) is not None:
         near.insert(0, own)
     tried = [start.hand for start in starts(space, view, 1, tuple(near))]
     state = _cheapest(space, view, [*tried, near[0]], z, settings)

@@ -12,7 +12,7 @@ from .solve import State, solve, value
 from .space import Space
 from .starts import starts
 from .terms import Objective, TermWeights
-from .told import told
+from .told import told_pose
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def single(space: Space, view: CloseUp, settings: FittingSettings, also: tuple[P
     """
     far = Objective(space, [view], settings.weights.far)
     still = np.zeros(space.shape_basis.shape[1])
-    near = told(space, view)
+    near = told_pose(space, view)
     also = also if near is None else (*also, near)
     first = max(1, settings.steps // 2)
     found = [solve(far, State(still, (start.hand,)), first) for start in starts(space, view, settings.starts, also)]

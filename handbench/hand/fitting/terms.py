@@ -21,7 +21,7 @@ from .placed import Placed
 from .quadratic import Quadratic
 from .rig import PosedRig, Rest
 from .space import LIMIT, Space
-from .told import PoseNoise, told
+from .told import PoseNoise, told_pose
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class TermWeights:
     pose: float = 0.002
     shape: float = 0.004
     limits: float = 0.05
-    told: float = 0.002
+    told_pose: float = 0.002
     mask_reach: float = 6.0
     depth_reach: float = 0.015
     tracker: PoseNoise = field(default_factory=PoseNoise)
@@ -64,7 +64,7 @@ class Objective:
     def __init__(self, space: Space, views: Sequence[CloseUp], weights: TermWeights) -> None:
         self.space, self.views, self.weights = space, tuple(views), weights
         self._edges = EdgeTable(space.rig.faces)
-        self._told = {view: told(space, view) for view in self.views}
+        self._told = {view: told_pose(space, view) for view in self.views}
 
     def of(self, view: CloseUp, hand: Placed, rest: Rest) -> Quadratic:
         """The terms of one picture: pose, placement and shape in one vector (6 + F + K,)."""
@@ -143,7 +143,7 @@ class Objective:
 
     def _depth(self, total: Quadratic, view: CloseUp, fine: Array, coarse: Array) -> None:
         assert view.depth is not None
-        chosen, normal, off = gaps(fine, self.space.rig.faces, view.depth, view)
+        chosen, normal, off = depth_gaps(fine, self.space.rig.faces, view.depth, view)
         if not len(chosen):
             return
         pick = sp.csr_array((np.ones(len(chosen)), (np.arange(len(chosen)), chosen)), shape=(len(chosen), len(fine)))
@@ -174,7 +174,7 @@ def _huber(size: Array, soft: float) -> Array:
     return np.where(size < soft, size**2 / (2 * soft) + soft / 2, size)
 
 
-def gaps(fine: Array, faces: Array, depth: Array, view: CloseUp) -> tuple[Array, Array, Array]:
+def depth_gaps(fine: Array, faces: Array, depth: Array, view: CloseUp) -> tuple[Array, Array, Array]:
     """Visible vertices where depth was measured, their normals (n, 3), and how far in metres they are over what was
     measured there, along the normal."""
     normal = _normals(fine, faces)

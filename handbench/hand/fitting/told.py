@@ -40,6 +40,6 @@ class PoseNoise:
         total.add(weight * float(loss.sum()), pull, off, per_step)
 
 
-def told(space: Space, view: CloseUp) -> Placed | None:
+def told_pose(space: Space, view: CloseUp) -> Placed | None:
     """The pose that a picture brings, as its camera sees it; None without one."""
     return None if view.picture.start is None else in_camera(space, view.picture.start, view.picture.camera)

@@ -119,7 +119,7 @@ class OpenHand(HandModel):
         def build() -> Topology:
             uvs, quads = self.template.uvs, self.template.uv_quads
             for _ in range(level):
-                step = subdivision.linear(quads, len(uvs))
+                step = subdivision.linear_step(quads, len(uvs))
                 uvs, quads = step.matrix @ uvs, step.quads
             return Topology(subdivision.triangles(self.quads(level)), uvs, subdivision.triangles(quads))
 

@@ -103,11 +103,11 @@ def disney(normal: Tensor, view: Tensor, light: Tensor, albedo: Tensor, roughnes
     diffuse = above * burley(to_light, to_view, facing, beta)
     lobe = above * distribution(sine2, beta) * smith(to_light, to_view, beta)
     edge = schlick(facing)[..., None]
-    f0 = mirror(albedo, metallic)
+    f0 = base_reflectance(albedo, metallic)
     return (1.0 - metallic) * albedo * diffuse[..., None] + lobe[..., None] * (f0 + (1.0 - f0) * edge)
 
 
-def mirror(albedo: Tensor, metallic: Tensor) -> Tensor:
+def base_reflectance(albedo: Tensor, metallic: Tensor) -> Tensor:
     """Reflectance head-on, F0 = lerp(0.04, albedo, metallic) (Burley 2012, Sec. 5.2)."""
     return F0 + metallic * (albedo - F0)
 

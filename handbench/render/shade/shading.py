@@ -23,7 +23,7 @@ from ...light.lightset import LightSet, light_samples
 from ...scene import Array
 from ...skips import note, skips
 from ..uv.surface import unit
-from .brdf import mirror
+from .brdf import base_reflectance
 from .models import RESPONSES, Model
 from .switch import answers, summed
 from .tiles import Dots, distant, near
@@ -86,7 +86,7 @@ def disney_radiance(
     )
     albedo, metallic = albedo.clamp(0.0, 1.0), metallic.clamp(0.0, 1.0)
     diffuse, head_on, edge = _shade(normal, position, roughness, camera_centre, lights, visibility, "disney")
-    return (1.0 - metallic) * albedo * diffuse + mirror(albedo, metallic) * head_on + edge
+    return (1.0 - metallic) * albedo * diffuse + base_reflectance(albedo, metallic) * head_on + edge
 
 
 def _checked(**maps: Tensor) -> tuple[Tensor, ...]:

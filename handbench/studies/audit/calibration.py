@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from .evidence import Evidence
-from .records import told
+from .records import verdict_on
 
 _EXACT = 1e-9  # of a perfect value: metrics of equal pictures have no rounding to speak of
 
@@ -30,7 +30,7 @@ def oracle(evidence: Evidence) -> tuple[bool | None, str]:
             else:
                 count += 1
     note = f"; without a perfect value: {', '.join(sorted(without))}" if without else ""
-    return told(trouble, f"{count} scores, all perfect{note}")
+    return verdict_on(trouble, f"{count} scores, all perfect{note}")
 
 
 def floor(evidence: Evidence) -> tuple[bool | None, str]:

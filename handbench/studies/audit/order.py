@@ -11,7 +11,7 @@ import numpy as np
 
 from ...bench.store import Store
 from .evidence import Evidence, scored_queries
-from .records import told
+from .records import verdict_on
 
 _PAIRS = 12  # pictures that are scored in several orders
 _Item = TypeVar("_Item")
@@ -44,7 +44,7 @@ def images(evidence: Evidence) -> tuple[bool | None, str]:
                 if apart > _EQUAL:
                     trouble.append(f"{metric.title} of {chosen[i][1]} changes by {apart:.1e} with its company")
     scores = len(pairs) * len(evidence.metrics)
-    return told(trouble, f"{scores} scores alone, together and shuffled differ by at most {worst:.1e}")
+    return verdict_on(trouble, f"{scores} scores alone, together and shuffled differ by at most {worst:.1e}")
 
 
 def shards(evidence: Evidence) -> tuple[bool, str]:

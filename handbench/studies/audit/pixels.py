@@ -18,7 +18,7 @@ from ...registry import METHODS
 from ...results.record import CellRecord
 from ...scene import Array, Prediction
 from .evidence import Evidence, scored_queries
-from .records import told
+from .records import verdict_on
 
 HALF = 2.0**-11
 """Half a unit in the last place of a half float, relative; below 2**-14 it is 2**-25."""
@@ -35,7 +35,7 @@ def timed(evidence: Evidence) -> tuple[bool | None, str]:
     different = [cell.label for cell in evidence.cells if cell.same_pixels is False]
     compared = sum(cell.same_pixels is not None for cell in evidence.cells)
     if different:
-        return told([f"{cell} drew other pixels when timed again" for cell in different], "")
+        return verdict_on([f"{cell} drew other pixels when timed again" for cell in different], "")
     if not compared:
         return None, "no cell drew a picture twice"
     return True, f"{compared} of {len(evidence.cells)} cells drew pictures twice, all alike"
@@ -57,7 +57,7 @@ def redrawn(evidence: Evidence) -> tuple[bool | None, str]:
                 trouble.append(f"{cell.label} draws {key} differently ({apart:.1f} times what rounding explains)")
     note = f"; left out: {', '.join(dict.fromkeys(left_out))}" if left_out else ""
     if trouble:
-        return told(trouble, "")
+        return verdict_on(trouble, "")
     if not count:
         return None, "nothing could be drawn again" + note
     return True, f"{count} pictures, at most {worst:.2f} of what half floats and {_SAME:.0e} of the peak explain{note}"
@@ -151,7 +151,7 @@ def rescored(evidence: Evidence) -> tuple[bool | None, str]:
                         f"{cell.label}: {title} of {key} is stored as {kept}, its picture gives {again.value:.6g}"
                     )
     if trouble:
-        return told(trouble, "")
+        return verdict_on(trouble, "")
     if not count:
         return None, "no kept pictures to score"
     note = f"; not told by pictures: {', '.join(sorted(skipped))}" if skipped else ""

@@ -35,7 +35,7 @@ def coverage(evidence: Evidence) -> tuple[bool, str]:
         for what, difference in (("lacks", owed - found), ("has too many", found - owed)):
             if difference:
                 trouble.append(f"{cell.label} {what} scores, e.g. {' '.join(next(iter(difference)))}")
-    return told(trouble, f"{len(plan.cells)} cells, {count} scores: each once, a value or a reason")
+    return verdict_on(trouble, f"{len(plan.cells)} cells, {count} scores: each once, a value or a reason")
 
 
 def keys(evidence: Evidence) -> tuple[bool | None, str]:
@@ -50,7 +50,7 @@ def keys(evidence: Evidence) -> tuple[bool | None, str]:
         elif (planned.key, planned.prior) != (cell.key, cell.prior):
             other += 1
     if trouble:
-        return told(trouble, "")
+        return verdict_on(trouble, "")
     if other:
         return False, (
             f"{other} of {len(cells)} cells were computed with other code, packages or settings than those "
@@ -74,7 +74,7 @@ def signatures(evidence: Evidence) -> tuple[bool, str]:
     for cell in evidence.cells:
         for signature in set(cell.metrics) - set(known):
             trouble.append(f"{cell.label} has scores of {signature!r}, which run.json does not name")
-    return told(trouble, f"all {len(known)} are known to this version")
+    return verdict_on(trouble, f"all {len(known)} are known to this version")
 
 
 def provenance(evidence: Evidence) -> tuple[bool, str]:
@@ -89,10 +89,10 @@ def provenance(evidence: Evidence) -> tuple[bool, str]:
         if cell.method.config is None or cell.device is None:
             trouble.append(f"{cell.label} does not tell its configuration and device")
     note = f"; {dirty} cells come from a checkout with uncommitted changes" if dirty else ""
-    return told(trouble, f"complete in run.json and {len(evidence.cells)} cells{note}")
+    return verdict_on(trouble, f"complete in run.json and {len(evidence.cells)} cells{note}")
 
 
-def told(trouble: Iterable[str], fine: str) -> tuple[bool, str]:
+def verdict_on(trouble: Iterable[str], fine: str) -> tuple[bool, str]:
     """The verdict of a list of troubles: the first two are told, the others counted."""
     trouble = list(dict.fromkeys(trouble))
     if not trouble:

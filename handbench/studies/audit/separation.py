@@ -15,7 +15,7 @@ import numpy as np
 from ...bench.protocol import Selection
 from ...scene import Directional, Environment, Frame, Light, Point, Single, Unknown, leaves, needed
 from .evidence import Evidence
-from .records import told
+from .records import verdict_on
 
 _ANGLE = 1e-3  # radians between directions that count as one light
 _NEAR = 1e-4  # metres between point lights, and radians between joints, that count as one
@@ -46,7 +46,7 @@ def apart(evidence: Evidence) -> tuple[bool, str]:
             trouble.append(f"{column.name} scores {sorted(seen)[0]}, which was seen before")
         stated = [axis for axis in common if axis in column.shares]
         shared.append(f"{column.name} shares {' and '.join(stated) or 'nothing'}")
-    return told(trouble, "as stated: " + "; ".join(shared))
+    return verdict_on(trouble, "as stated: " + "; ".join(shared))
 
 
 def _picked(selection: Selection, frame: Frame) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...scene import Array
 from .evidence import Evidence
-from .records import told
+from .records import verdict_on
 
 _SAME = 1e-9  # between shapes of one person
 
@@ -27,7 +27,7 @@ def strangers(evidence: Evidence) -> tuple[bool | None, str]:
         count += 1
         same = [name for name, shape in shapes.items() if name == person.name or _same(shape, person.identity)]
         trouble += [f"{name} is {person.name} of {other}, which methods may train on" for name in same]
-    return told(trouble, f"{len(shapes)} scored subjects are none of the {count} people of other captures")
+    return verdict_on(trouble, f"{len(shapes)} scored subjects are none of the {count} people of other captures")
 
 
 def _same(shape: Array | None, other: Any) -> bool:

@@ -29,7 +29,7 @@ class _Made:
     checksum: int
 
 
-class Kept:
+class Watched:
     """Values by key, in the order in which they were made. Objects of the types in `apart` that they hold are not
     theirs. Copies and pickles of it are empty."""
 
@@ -37,8 +37,8 @@ class Kept:
         self._apart = apart
         self._made: dict[Hashable, _Made] = {}
 
-    def __reduce__(self) -> tuple[type[Kept], tuple[type, ...]]:
-        return Kept, self._apart
+    def __reduce__(self) -> tuple[type[Watched], tuple[type, ...]]:
+        return Watched, self._apart
 
     def __call__(self, key: Hashable, make: Callable[[], T]) -> T:
         """The value of a key, made when it is first asked for; `make` must give equal arrays whenever it is called."""
@@ -73,7 +73,7 @@ class Kept:
 
     def _arrays(self, value: Any) -> Iterator[Any]:
         within = vars(value) if isinstance(value, self._apart) else value  # a value of such a type is meant itself
-        for each in arrays_in(within, (*self._apart, Kept)):
+        for each in arrays_in(within, (*self._apart, Watched)):
             if isinstance(each, Tensor) or (isinstance(each, np.ndarray) and each.dtype.kind in "biuf"):
                 yield each
 

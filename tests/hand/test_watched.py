@@ -10,7 +10,7 @@ import pytest
 import torch
 from scipy.sparse import csr_array
 
-from handbench.hand.kept import Kept
+from handbench.hand.watched import Watched
 
 
 class Owner:
@@ -50,7 +50,7 @@ WRITE = {
 @pytest.mark.filterwarnings("ignore:The given NumPy array is not writable")
 @pytest.mark.parametrize("kind", MADE)
 def test_a_change_shows_and_is_undone_in_place(kind: str) -> None:
-    kept = Kept()
+    kept = Watched()
     value = kept(kind, MADE[kind])
     assert kept(kind, MADE[kind]) is value and kept.changed() == []
     before = pickle.dumps(value)
@@ -62,13 +62,13 @@ def test_a_change_shows_and_is_undone_in_place(kind: str) -> None:
 
 
 def test_an_exchange_of_equal_values_shows() -> None:
-    kept = Kept()
+    kept = Watched()
     kept("rows", lambda: np.arange(6.0).reshape(3, 2))[[0, 1]] = [[2.0, 3.0], [0.0, 1.0]]
     assert kept.changed() == ["rows"]
 
 
 def test_what_is_made_of_the_rest_is_put_back_after_it() -> None:
-    kept = Kept()
+    kept = Watched()
     first = kept("first", lambda: np.ones(3))
     first *= 2
     second = kept("second", lambda: 10 * first)
@@ -78,7 +78,7 @@ def test_what_is_made_of_the_rest_is_put_back_after_it() -> None:
 
 
 def test_what_belongs_to_others_is_theirs() -> None:
-    kept, owner = Kept(Owner), Owner()
+    kept, owner = Watched(Owner), Owner()
     kept("holds it", lambda: {"owner": owner, "own": np.zeros(2)})
     owner.mine[:] = 7.0
     assert kept.changed() == []
@@ -88,7 +88,7 @@ def test_what_belongs_to_others_is_theirs() -> None:
 
 
 def test_a_pickle_holds_nothing() -> None:
-    kept = Kept(Owner)
+    kept = Watched(Owner)
     kept("value", lambda: np.zeros(2))
     again = pickle.loads(pickle.dumps(kept))
     assert again.items() == [] and again("value", Owner).mine.shape == (3,)
