@@ -139,6 +139,18 @@ def test_the_core_loads_no_plug_in_package() -> None:
             assert not {".".join(name.split(".")[:2]) for name in names} & plug_ins, f"{path} line {node.lineno}"
 
 
+def test_the_fast_path_is_imported_by_the_switch_alone() -> None:
+    """Whoever asks for shading gets what the switch chose, and the slow path never depends on the fast one."""
+    importing = {
+        path.relative_to(ROOT).as_posix()
+        for folder in FOLDERS
+        for path in (ROOT / folder).rglob("*.py")
+        for node in _imports(_parsed(path))
+        if "fused" in f"{getattr(node, 'module', '')}.{'.'.join(each.name for each in node.names)}".split(".")
+    }
+    assert importing == {"handbench/render/shade/switch.py"}
+
+
 def _at_module_level(node: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
     """The imports that importing a module makes; those of type checkers are none."""
     for child in ast.iter_child_nodes(node):

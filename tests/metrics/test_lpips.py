@@ -78,7 +78,7 @@ def test_the_heads_are_the_authors_rounded(network: str) -> None:
     theirs = torch.load(file, map_location="cpu", weights_only=True)
     for layer in range(5):
         head = theirs[f"lin{layer}.model.1.weight"].flatten().half().float()
-        assert torch.equal(networks.weights(f"lpips_{network}")[f"head{layer}.weight"], head)
+        assert torch.equal(networks.network_weights(f"lpips_{network}")[f"head{layer}.weight"], head)
 
 
 def test_a_remembered_truth_changes_nothing_and_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,6 +140,6 @@ def test_the_weights_are_whole_and_say_where_they_are_from(network: str, paramet
 
 def test_missing_weights_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(networks, "FOLDER", tmp_path)
-    networks.weights.cache_clear()
+    networks.network_weights.cache_clear()
     with pytest.raises(InputError, match=r"lpips_alex\.safetensors cannot be read .*; install handbench again"):
         metric("lpips-alex")([whole(checks(), waves(0.123))])
