@@ -46,7 +46,8 @@ class Adam:
         adam(
             list(moved.values()),
             [p.grad for p in moved.values() if p.grad is not None],
-            *([moments[name] for moments in kept] for name in ("exp_avg", "exp_avg_sq")),
+            [moments["exp_avg"] for moments in kept],
+            [moments["exp_avg_sq"] for moments in kept],
             [],
             [moments["step"] for moments in kept],
             fused=self._fused or None,
