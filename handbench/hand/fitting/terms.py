@@ -42,7 +42,7 @@ class TermWeights:
     pose: float = 0.002
     shape: float = 0.004
     limits: float = 0.05
-    told_pose: float = 0.002
+    told: float = 0.002
     mask_reach: float = 6.0
     depth_reach: float = 0.015
     tracker: PoseNoise = field(default_factory=PoseNoise)
