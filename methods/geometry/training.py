@@ -30,7 +30,7 @@ class _Sample:
 
     subject: str
     camera: Camera
-    square_picture: Tensor
+    picture: Tensor
     observed: Array
     scan: Array
 
