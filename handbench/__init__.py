@@ -8,7 +8,6 @@ when they are first used, so that a command which needs none of them starts at o
 from __future__ import annotations
 
 import importlib
-import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -39,11 +38,6 @@ if TYPE_CHECKING:
     )
 
 __version__ = "0.1.0"
-
-# torch's threads wait for work in a loop, by default for milliseconds: in the way of those that trace rays and shade
-# meanwhile, and of other processes. This many turns last through the gap between two layers. Read when torch is loaded.
-if "OMP_WAIT_POLICY" not in os.environ:
-    os.environ.setdefault("GOMP_SPINCOUNT", "1000")
 
 _HOMES = {
     "data.capture": ("Capture",),

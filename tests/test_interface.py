@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -78,14 +74,3 @@ def test_settings_are_values_or_texts():
 def test_a_protocol_can_be_a_file(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         handbench.run(tmp_path / "absent.toml")
-
-
-@pytest.mark.parametrize(
-    ("given", "expected"), [({}, "1000"), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "ACTIVE"}, "None")]
-)
-def test_threads_of_torch_wait_asleep_unless_told_how(given: dict[str, str], expected: str) -> None:
-    names = {"GOMP_SPINCOUNT", "OMP_WAIT_POLICY"}
-    environment = {name: value for name, value in os.environ.items() if name not in names} | given
-    code = "import sys, handbench, os; print(os.environ.get('GOMP_SPINCOUNT'), 'torch' in sys.modules)"
-    answer = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    assert answer.stdout.split() == [expected, "False"]  # libgomp reads it when torch is loaded
