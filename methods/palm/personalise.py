@@ -139,7 +139,7 @@ class _Fitter:
 
     def run(self, progress: Progress) -> Person:
         fit = self.fit
-        lights = [] if fit.light == "fixed" else [*self._light.parameters()]
+        lights: list[Tensor] = [] if fit.light == "fixed" else [*self._light.parameters()]
         moved = {"codes": self._coefficients, "pose": self._moves[1:], "shape": self._moves[:1], "light": lights}
         adams = {name: Adam(some, 0.0) for name, some in moved.items() if some}
         for step in range(fit.steps):

@@ -104,7 +104,11 @@ def test_a_turned_hand_under_turned_light_and_camera_answers_alike(training: Rec
         posed = PosedSurface(Mesh(vertices, frame.mesh.topology), SMOKE.texture)
         visible = torch.ones(1, posed.atlas.count)
         answers.append(
-            model.responses(ViewedTexels.of(posed, centre, frame.pose.joints), towards[None], visible)[0]
+            model.responses(
+                ViewedTexels.of(posed, centre, torch.from_numpy(frame.pose.joints.copy()).float()),
+                towards[None],
+                visible,
+            )[0]
             .detach()
             .numpy()
         )
@@ -171,7 +175,7 @@ def test_training_lowers_its_loss_below_the_mean_picture(training: Recording, se
     assert told[-1]["l2"] < 0.8 * told[0]["l2"]
     error, floor = [], []
     for view in seen:
-        surface = ViewedTexels.of(view.posed, view.centre, view.joints.numpy())
+        surface = ViewedTexels.of(view.posed, view.centre, view.joints)
         with torch.no_grad():
             answers, _ = model.responses(surface, view.directions, view.visible)
         truth = view.images.float()

@@ -208,7 +208,7 @@ def test_relightablehands_sees_a_far_light_as_a_distant_one(everything: Recordin
     view = views(everything.of_kind("olat"), 64)[0]
     torch.manual_seed(0)
     model = RelightableHandsModel(HANDS_PRESETS["smoke"], len(view.joints), 0.3)
-    surface, visible = ViewedTexels.of(view.posed, view.centre, view.joints.numpy()), view.visible
+    surface, visible = ViewedTexels.of(view.posed, view.centre, view.joints), view.visible
     assert visible is not None
     direction, middle = view.directions[:1], view.posed.position.mean(dim=1).numpy()
     with torch.no_grad():

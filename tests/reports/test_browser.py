@@ -78,19 +78,9 @@ class Opened:
         self.page.on("console", lambda message: self.complaints.append(f"{message.type}: {message.text}"))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.goto(address, wait_until="commit")
-        self.scripts = settings.get("java_script_enabled", True)
-
-    def loaded(self) -> Opened:
-        """The same, once all of the page is there."""
-        self.page.wait_for_load_state()
-        if self.scripts and self.page.locator(".stage").count():
+        self.page.goto(address)
+        if settings.get("java_script_enabled", True) and self.page.locator(".stage").count():
             self.drawn()
-        return self
-
-    def closed(self) -> None:
-        self.context.close()
-        assert not self.complaints, "nothing that a test does makes the page complain"
 
     def drawn(self) -> None:
         self.page.wait_for_selector('.stage[aria-busy="false"]')
@@ -120,45 +110,25 @@ class Opened:
         return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
-@pytest.fixture(scope="module")
-def following(browser: Any, address: str) -> Iterator[Callable[[], Opened]]:
-    """A function that opens the page once more, and gives the one opened before, which loads while a test runs."""
-    opening = [Opened(browser, address)]
-
-    def following() -> Opened:
-        opening.append(Opened(browser, address))
-        return opening.pop(0).loaded()
-
-    yield following
-    opening.pop().closed()
-
-
 @pytest.fixture
-def opened(following: Callable[[], Opened]) -> Iterator[Opened]:
-    found = following()
+def opened(browser: Any, address: str) -> Iterator[Opened]:
+    found = Opened(browser, address)
     yield found
-    found.closed()
+    found.context.close()
+    assert not found.complaints, "nothing that a test does makes the page complain"
 
 
-@pytest.fixture(scope="module")
-def still(following: Callable[[], Opened]) -> Iterator[Opened]:
-    """For tests that look only: nobody operates it."""
-    found = following()
-    yield found
-    found.closed()
-
-
-def test_the_page_opens_from_disk_and_asks_the_network_for_nothing(still: Opened) -> None:
-    assert still.page.title().startswith("Quick comparison")
-    assert not [url for url in still.requests if not url.startswith(("file:", "data:"))]
+def test_the_page_opens_from_disk_and_asks_the_network_for_nothing(opened: Opened) -> None:
+    assert opened.page.title().startswith("Quick comparison")
+    assert not [url for url in opened.requests if not url.startswith(("file:", "data:"))]
     broken = "all => all.filter(one => one.complete && !one.naturalWidth).length"
-    assert still.page.eval_on_selector_all("img", broken) == 0
+    assert opened.page.eval_on_selector_all("img", broken) == 0
 
 
-def test_links_of_the_contents_lead_to_sections(still: Opened) -> None:
-    links = still.page.eval_on_selector_all(".contents a", "all => all.map(one => one.getAttribute('href'))")
+def test_links_of_the_contents_lead_to_sections(opened: Opened) -> None:
+    links = opened.page.eval_on_selector_all(".contents a", "all => all.map(one => one.getAttribute('href'))")
     assert {"#results", "#methods", "#pareto", "#viewer", "#figures"} <= set(links)
-    assert all(still.page.locator(link).count() == 1 for link in links)
+    assert all(opened.page.locator(link).count() == 1 for link in links)
 
 
 def test_sorting_goes_both_ways_keeps_gaps_and_published_rows_last_and_is_announced(opened: Opened) -> None:
@@ -192,10 +162,10 @@ def test_plots_follow_the_choice_of_metric_and_time(opened: Opened) -> None:
     ]
 
 
-def test_labels_in_plots_do_not_overlap_in_the_browsers_own_font(still: Opened) -> None:
+def test_labels_in_plots_do_not_overlap_in_the_browsers_own_font(opened: Opened) -> None:
     boxes = """all => all.map(one =>
       [...one.querySelectorAll("g text")].map(text => text.getBoundingClientRect().toJSON()))"""
-    for labels in still.page.eval_on_selector_all("#pareto-plots figure:not([hidden]) svg", boxes):
+    for labels in opened.page.eval_on_selector_all("#pareto-plots figure:not([hidden]) svg", boxes):
         for i, one in enumerate(labels):
             for other in labels[:i]:
                 across = min(one["right"], other["right"]) - max(one["left"], other["left"])
@@ -341,7 +311,7 @@ def test_the_wheel_scrolls_the_page_until_the_picture_is_chosen(opened: Opened) 
 
 
 def test_by_touch_one_finger_moves_the_divider_and_two_zoom(browser: Any, address: str) -> None:
-    opened = Opened(browser, address, 390, 780, has_touch=True, is_mobile=True).loaded()
+    opened = Opened(browser, address, 390, 780, has_touch=True, is_mobile=True)
     x, y = opened.middle()
     touch = opened.context.new_cdp_session(opened.page)
 
@@ -471,7 +441,7 @@ WIDE = """() => [...document.querySelectorAll(".scroll")].filter(one => one.scro
 @pytest.mark.parametrize("width", (390, 820, 1280, 2560))
 def test_no_column_is_off_screen_without_a_cue(browser: Any, wide_address: str, width: int) -> None:
     """24 value columns and 15 methods: tables fit, or say that they go on, and where."""
-    opened = Opened(browser, wide_address, width, 900).loaded()
+    opened = Opened(browser, wide_address, width, 900)
     found = opened.page.evaluate(WIDE)
     assert all(cue and more == "right" for _, cue, more in found), found
     if width >= 820:
@@ -481,7 +451,7 @@ def test_no_column_is_off_screen_without_a_cue(browser: Any, wide_address: str, 
 
 
 def test_print_has_all_24_columns(browser: Any, wide_address: str) -> None:
-    opened = Opened(browser, wide_address, 1032, 700).loaded()  # A4 across, less its margins
+    opened = Opened(browser, wide_address, 1032, 700)  # A4 across, less its margins
     page = opened.page
     page.emulate_media(media="print")
     cut = "all => all.filter(one => one.getBoundingClientRect().right > innerWidth + 1).map(one => one.className)"
@@ -492,7 +462,7 @@ def test_print_has_all_24_columns(browser: Any, wide_address: str) -> None:
 
 @pytest.mark.parametrize("width", (320, 400, 768))
 def test_a_narrow_window_has_no_sideways_scroll(browser: Any, address: str, width: int) -> None:
-    opened = Opened(browser, address, width, 700).loaded()
+    opened = Opened(browser, address, width, 700)
     wide = """() => [...document.querySelectorAll("body *")].filter(one =>
       one.getBoundingClientRect().right > innerWidth + 1 && !one.closest(".scroll, .hidden, .side, .skip")
     ).map(one => one.outerHTML.slice(0, 90))"""
@@ -502,7 +472,7 @@ def test_a_narrow_window_has_no_sideways_scroll(browser: Any, address: str, widt
 
 
 def test_print_has_whole_tables_and_no_controls(browser: Any, address: str) -> None:
-    opened = Opened(browser, address, 1032, 700).loaded()  # A4 across, less its margins
+    opened = Opened(browser, address, 1032, 700)  # A4 across, less its margins
     page = opened.page
     page.click(".picker button:nth-child(2)")
     page.emulate_media(media="print")
@@ -518,7 +488,7 @@ def test_print_has_whole_tables_and_no_controls(browser: Any, address: str) -> N
 
 @pytest.mark.parametrize("scheme", ("light", "dark"))
 def test_text_has_contrast(browser: Any, address: str, scheme: str) -> None:
-    opened = Opened(browser, address, color_scheme=scheme).loaded()
+    opened = Opened(browser, address, color_scheme=scheme)
     faint = """() => {
       const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
       const luminance = (rgb) => rgb.slice(0, 3).map((v) => v / 255)
@@ -555,30 +525,28 @@ def test_everything_that_can_be_operated_has_a_name_and_a_visible_focus(opened: 
       [...(one.labels ?? [])].some(label => label.textContent.trim())
     )).map(one => one.outerHTML)"""
     assert page.eval_on_selector_all("button, select, input, output, a", nameless) == []
-    focused = """() => {
-      const one = document.activeElement, style = getComputedStyle(one);
-      const outlined = style.outlineStyle !== "none" && parseFloat(style.outlineWidth) >= 1;
-      return [one === document.body ? null : one.className || one.name || "", outlined];
+    outlined = """() => {
+      const style = getComputedStyle(document.activeElement);
+      return style.outlineStyle !== "none" && parseFloat(style.outlineWidth) >= 1;
     }"""
     visited = set()
     for _ in range(200):
         page.keyboard.press("Tab")
-        name, seen = page.evaluate(focused)
-        if name is None:
+        if page.evaluate("document.activeElement === document.body"):
             break
-        visited.add(name)
-        assert seen, page.evaluate("document.activeElement.outerHTML.slice(0, 90)")
+        visited.add(page.evaluate("document.activeElement.className || document.activeElement.name || ''"))
+        assert page.evaluate(outlined), page.evaluate("document.activeElement.outerHTML.slice(0, 90)")
     assert {"stage", "split", "error", "swap", "subject", "right", "before"} <= visited, "the viewer is on the way"
 
 
-def test_tables_have_captions_and_heads_have_scopes(still: Opened) -> None:
+def test_tables_have_captions_and_heads_have_scopes(opened: Opened) -> None:
     bare = "all => all.filter(one => !one.caption?.textContent.trim()).length"
-    assert still.page.eval_on_selector_all("table", bare) == 0
-    assert still.page.locator("th:not([scope])").count() == 0
+    assert opened.page.eval_on_selector_all("table", bare) == 0
+    assert opened.page.locator("th:not([scope])").count() == 0
 
 
 def test_without_scripts_the_results_are_there_and_the_viewer_says_why_it_is_not(browser: Any, address: str) -> None:
-    opened = Opened(browser, address, java_script_enabled=False).loaded()
+    opened = Opened(browser, address, java_script_enabled=False)
     page = opened.page
     assert page.is_visible(".results") and not page.is_visible(".viewer") and not page.is_visible(".choices")
     assert "needs JavaScript" in page.inner_text("#viewer")
