@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from scipy.spatial.transform import Rotation
 
 from handbench.errors import Unsupported
@@ -12,8 +13,9 @@ from handbench.hand import HandModel, hand_of
 from handbench.method import Recording
 from handbench.scene import Array, Pose, needed
 
+from ..kit.host import on_host
 from .scan import PointCloud, point_cloud
-from .skeleton import posed_points, regressor, rigid
+from .skeleton import nearest_turn, posed_points, regressor
 
 _NEUTRAL = np.radians(5.0)  # how far a joint may be bent in a frame that counts as neutral
 _BUMPS, _WIDTH = 8, 0.025  # of a warp: how many, and how wide in metres
@@ -70,7 +72,7 @@ def neutral(recording: Recording) -> Neutral:
 
 def _aligned(hand: HandModel, seen: PointCloud, points: Array) -> tuple[PointCloud, Array]:
     """Scan and key points (P, 3) brought rigidly into the reference frame."""
-    turn, _ = rigid(points, hand.points)
+    turn = on_host(nearest_turn(*(torch.tensor(each, dtype=torch.float64) for each in (points, hand.points))))
     shift = -turn @ points[hand.wrist]
     return seen.moved(turn, shift), points @ turn.T + shift
 

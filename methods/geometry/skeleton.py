@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from handbench.hand import HandModel
@@ -87,13 +86,6 @@ def _bone_weights(hand: HandModel) -> Array:
     return found
 
 
-def rigid(source: Array, target: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and shift (3,) that bring points (N, 3) nearest to others: target = R source + t (Kabsch)."""
-    middle, other = source.mean(axis=0), target.mean(axis=0)
-    turn = Rotation.align_vectors(target - other, source - middle)[0].as_matrix()
-    return turn, other - turn @ middle
-
-
 @dataclass(frozen=True, eq=False)
 class ToldPose:
     """A `Pose` as tensors, float64: axis-angles joints (J, 3), rotation (3, 3), translation (3,)."""
@@ -117,7 +109,7 @@ def pose_told_by(hand: HandModel, rest: Tensor, observed: Tensor) -> ToldPose:
     palm += [p for p in (hand.chains[1][0], hand.chains[2][0]) if p not in palm]
     ends = torch.tensor(hand.ends, device=rest.device)
     bones, seen = (torch.nn.functional.normalize(x[ends] - x[: len(parents)]) for x in (rest, observed))
-    world = {wrist: _turn(rest[palm], observed[palm])}
+    world = {wrist: nearest_turn(rest[palm], observed[palm])}
     turns = [torch.zeros_like(rest[0])] * len(parents)
     if forearm >= 0:  # its bone ends in the wrist
         turn, back = _swing(bones[forearm, None], seen[forearm, None] @ world[wrist])
@@ -134,8 +126,8 @@ def pose_told_by(hand: HandModel, rest: Tensor, observed: Tensor) -> ToldPose:
     return ToldPose(joints, world[parents.index(-1)], observed[wrist])
 
 
-def _turn(source: Tensor, target: Tensor) -> Tensor:
-    """The rotation (3, 3) of `rigid`, for tensors."""
+def nearest_turn(source: Tensor, target: Tensor) -> Tensor:
+    """The rotation (3, 3) that with a shift brings points (N, 3) nearest to others (Kabsch)."""
     left, _, right = torch.linalg.svd((target - target.mean(dim=0)).T @ (source - source.mean(dim=0)))
     left = torch.cat([left[:, :2], left[:, 2:] * torch.linalg.det(left @ right)], dim=1)  # no mirror
     return left @ right

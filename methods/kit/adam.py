@@ -10,7 +10,7 @@ from torch.optim.adam import adam
 
 
 class Adam:
-    """Adam (Kingma and Ba, ICLR 2015) on parameters: equal to `torch.optim.Adam` bit for bit, and as fast.
+    """Adam (Kingma and Ba, ICLR 2015) on parameters: equal to `torch.optim.Adam` bit for bit.
 
     `rate` and `betas` are those of the next step. `moments` holds what Adam remembers of a parameter, by its number:
     `step` (), and `exp_avg` and `exp_avg_sq` in the shape of the parameter; nothing of one that had no gradient yet.

@@ -26,18 +26,17 @@ class CellAnswers:
     def __init__(self, normal: Tensor, position: Tensor, roughness: Tensor, centre: Array, model: Model) -> None:
         self._maps = normal, position, roughness, centre
         self._model = model
-        self._environments = 0
+        self._lit = False  # by an environment
         self._row: dict[bytes, int] = {}
         self._kept: Tensor | None = None
 
     @torch.no_grad()
     def features(self, lights: LightSet, visibility: Callable[[LightSet], Tensor | None]) -> tuple[Tensor, Tensor]:
         """`light_features` (3, N) each under lights of which `visibility` says what reaches the texels, (L + P, N)."""
-        cells = lights.coarse
-        if cells is None or not cells.any() or not skips().known:
-            return light_features(*self._maps, lights, visibility(lights), self._model)
-        self._environments += 1
-        if self._environments == 1:
+        cells = lights.coarse if skips().known else None
+        environment = cells is not None and bool(cells.any())
+        again, self._lit = self._lit and environment, self._lit or environment
+        if cells is None or not again:
             return light_features(*self._maps, lights, visibility(lights), self._model)
         of_cells, others = lights.only(cells, np.zeros(len(lights.positions), dtype=bool)), lights.only(~cells)
         diffuse, specular = self._by_cells(of_cells, visibility)
