@@ -50,15 +50,22 @@ def part_of(path: Path) -> Path:
 def abandoned(part: Path) -> bool:
     """Whether a temporary file's process lived on this machine and is gone."""
     _, host, pid, *_ = part.name.rsplit(".", 4)
-    if host != _host() or not pid.isdigit():
-        return False
+    return host == _host() and pid.isdigit() and not _lives(int(pid))
+
+
+def _lives(pid: int) -> bool:
+    """Whether a process of this machine can still write: one that has ended is there until somebody waits for it."""
     try:
-        os.kill(int(pid), 0)
+        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] not in (b"Z", b"X")
+    except OSError:  # it is gone, or this is not Linux
+        pass
+    try:
+        os.kill(pid, 0)
     except ProcessLookupError:
-        return True
-    except OSError:
         return False
-    return False
+    except OSError:
+        pass
+    return True
 
 
 def _host() -> str:

@@ -109,8 +109,12 @@ def test_what_a_killed_process_left_is_removed_and_a_living_ones_is_not(tmp_path
         "    (new.state / 'weights').write_text('half')\n"
         "    os._exit(9)\n"
     )
-    assert subprocess.run([sys.executable, "-c", script, tmp_path], check=False).returncode == 9
-    assert len(leftovers(tmp_path)) == 2
+    with subprocess.Popen([sys.executable, "-c", script, tmp_path]) as writer:
+        os.waitid(os.P_PID, writer.pid, os.WEXITED | os.WNOWAIT)  # it has ended, and keeps its number: a zombie
+        assert len(leftovers(tmp_path)) == 2
+        Store(tmp_path).sweep()
+        assert not leftovers(tmp_path)
+    assert writer.returncode == 9
     with Store(tmp_path).writing_prior("q", "m", 0, {}):
         Store(tmp_path).prepare()
         assert len(leftovers(tmp_path)) == 1, "ours, still being written"
