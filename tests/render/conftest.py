@@ -87,7 +87,7 @@ def camera(width=96, height=80, focal=160.0, eye=(0.0, 0.0, 5.0), target=(0.0, 0
 def fuse(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     """Once called, the fused kernel shades whatever there is, in blocks of 64 texels.
 
-    A kernel takes a second or more to compile for a shape, so tests share one: that of 513 to 1024 texels.
+    A kernel takes a second or more to compile, so tests share one size of blocks.
     """
     from handbench.render.shade import fused, switch
 

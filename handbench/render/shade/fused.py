@@ -7,6 +7,7 @@ out among threads. As in `shading`, cosines and tangential parts are taken in fl
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any, Literal
@@ -17,18 +18,16 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from ...scene import Array
-from ...skips import note, skips
-from ..uv.surface import unit
+from ...skips import Skips, note, skips
 from .brdf import F0, F1, F2, GRAZING, MIN_ROUGHNESS, SHININESS, SMALL
 from .models import RESPONSES
 
 _LIGHTS = 128
-"""Lights in a call. Fewer are padded with lights that no block is told to take, so that one shape is compiled."""
+"""Lights in a call. Fewer are padded with lights that it is told to leave out, so that one shape is compiled."""
 
 _BLOCK = 2048
-"""Texels in a block: the two dozen buffers of the loop take 200 kB. Blocks are filled up with copies of the last texel,
-and their number to a power of two, so that few shapes are compiled: every camera sees another number of texels. What
-is filled up is not worked out."""
+"""Texels in a call, filled up with copies of the last one, so that one shape is compiled: every camera sees another
+number of texels. The two dozen buffers of the loop take 200 kB."""
 
 
 @cache
@@ -56,8 +55,8 @@ def fused_responses(
 
     normal and view (3, N) unit and directions (L, 3) float64; roughness (N) and irradiance (L, 3) float32;
     visibility (L, N) bool or weights in [0, 1], None: everything is lit. Differentiable once in normal, view and
-    roughness. Beside its arguments it takes 110 N bytes a thread and up to `_LIGHTS` rows of visibility, for
-    the gradient too: that works the lobes out anew.
+    roughness. Beside arguments and answer it takes at most 2 MB a thread, for the gradient too: that works the lobes
+    out anew.
     """
     return _Fused.apply(normal, view, roughness, model, directions, irradiance, visibility)
 
@@ -67,41 +66,22 @@ def fused_answers(
     model: str, normal: Tensor, view: Tensor, roughness: Tensor, directions: Tensor, visibility: Tensor | None
 ) -> Tensor:
     """The responses of a model to each of L lights of unit power, (K, L, N) float32; arguments as above."""
-    import jax
-
-    where = directions.numpy()
-    seen = np.ones((len(where), len(roughness)), dtype=bool) if visibility is None else visibility.numpy()
+    where, seen = directions.numpy(), None if visibility is None else visibility.numpy()
+    maps = [values.numpy() for values in (normal, view, roughness)]
     answer = normal.new_empty(RESPONSES[model], len(where), len(roughness), dtype=torch.float32)
-    kernel = _kernel(model, _BLOCK, "each")
+    kernel, rows = _kernel(model, "each"), answer.numpy()
 
-    def block(start: int) -> None:
-        some = slice(start, start + _BLOCK)
-        spare = max(0, start + _BLOCK - len(roughness))
-        texels = [_wide(values[..., some].numpy(), spare) for values in (normal, view, roughness)]
-        with jax.enable_x64(True):
-            for first in range(0, len(where), _LIGHTS):
-                lights = slice(first, first + _LIGHTS)
-                lamps = [_padded(where[lights]), _padded(_wide(seen[lights, some], spare)), len(where[lights])]
-                found = kernel(*jax.device_put([texels, *lamps]))
-                for rows, one in zip(answer, found, strict=True):
-                    rows.numpy()[lights, some] = np.asarray(one)[: lamps[2], : _BLOCK - spare]
+    def block(texels: slice) -> None:
+        local = [_filled(values[..., texels]) for values in maps]
+        for start in range(0, len(where), _LIGHTS):
+            some = slice(start, start + _LIGHTS)
+            lamps = _padded(where[some]), _lit(seen, some, texels), len(where[some])
+            for row, one in zip(rows, kernel(local, *lamps), strict=True):
+                place = row[some, texels]
+                place[:] = np.asarray(one)[: place.shape[0], : place.shape[1]]
 
-    starts = range(0, len(roughness), _BLOCK)
-    workers = min(torch.get_num_threads(), len(starts))
-
-    def share(worker: int) -> None:
-        for start in starts[worker::workers]:
-            block(start)
-
-    list(_pool().map(share, range(workers)) if workers > 1 else map(share, range(workers)))
+    _in_blocks(block, len(roughness))
     return answer
-
-
-def _wide(values: Array, spare: int) -> Array:
-    """Values (..., n) with `spare` copies of the last."""
-    return np.ascontiguousarray(
-        np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, spare)], "edge") if spare else values
-    )
 
 
 class _Fused(torch.autograd.Function):
@@ -126,92 +106,99 @@ def _over_lights(
     model: str, maps: tuple[Tensor, ...], lights: tuple[Tensor | None, ...], gradient: tuple[Tensor, ...]
 ) -> Array:
     """Sums over lights: the responses (3K, N), or, given a gradient (3K, N) of them, that of the maps (7, N)."""
-    import jax
-    import jax.numpy as jnp
-
     directions, irradiance, visibility = lights
     assert directions is not None and irradiance is not None
     where, power = (values.detach().numpy() for values in (directions, irradiance))
     seen = None if visibility is None else visibility.detach().numpy()
-    count, block = len(maps[2]), _BLOCK
-    blocks = -(-count // block)
-    held = 1 << (blocks - 1).bit_length()
-    spare = held * block - count
-    workers = min(torch.get_num_threads(), blocks)
-    edges = [blocks * worker // workers for worker in range(workers + 1)]
-    kernel = _kernel(model, block, "gradient" if gradient else "sum")
-    reaches = _reaches(maps[0].detach(), where, seen, block, blocks)
-    rows = ((0, held - blocks), (0, 0))
+    inputs, count = [values.detach().numpy() for values in (*maps, *gradient)], len(maps[2])
+    found = np.empty((7 if gradient else 3 * RESPONSES[model], count), dtype=np.float32)
+    kernel, chosen = _kernel(model, "gradient" if gradient else "sum"), skips()  # which other threads do not know
 
-    def filled(values: Array, mode: Any = "edge") -> Array:
-        return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, spare)], mode) if spare else values
+    def block(texels: slice) -> int:
+        reaching = _reaching(inputs[0][:, texels], where, None if seen is None else seen[:, texels], chosen)
+        local = [_filled(values[..., texels]) for values in inputs]
+        sums: Any = np.zeros((len(found), _BLOCK), dtype=np.float32)
+        for start in range(0, len(reaching), _LIGHTS):
+            some = reaching[start : start + _LIGHTS]
+            lamps = _padded(where[some]), _padded(power[some]), _lit(seen, some, texels), len(some)
+            sums = kernel(local, *lamps, sums)
+        place = found[:, texels]
+        place[:] = np.asarray(sums)[:, : place.shape[1]]
+        return len(reaching) * place.shape[1]
 
-    with jax.enable_x64(True):
-        # arrays are handed over together: one by one takes as long as the loop over few lights
-        texels = jax.device_put(
-            [np.ascontiguousarray(filled(values.detach().numpy())) for values in (*maps, *gradient)]
-        )
-        parts = [jnp.zeros((7 if gradient else 3 * RESPONSES[model], count + spare), jnp.float32)] * workers
-        for start in range(0, len(where), _LIGHTS):
-            some = slice(start, start + _LIGHTS)
-            order = np.argsort(~reaches[:, some], axis=1, kind="stable")  # those that reach the block first, in order
-            lit = np.ones((1, 1), dtype=bool) if seen is None else filled(_padded(seen[some]), "constant")
-            reached = np.pad(reaches[:, some].sum(axis=1), rows[0])
-            lamps = [_padded(where[some]), _padded(power[some]), lit, np.pad(_padded(order.T).T, rows), reached]
-            given = jax.device_put(lamps)
-
-            def share(worker: int, before: Any, given: list[Any] = given) -> Any:
-                with jax.enable_x64(True):
-                    return kernel(texels, *given, before, edges[worker], edges[worker + 1]).block_until_ready()
-
-            each = range(workers), parts
-            parts = list(_pool().map(share, *each)) if workers > 1 else list(map(share, *each))
+    pairs = sum(_in_blocks(block, count))
     if not gradient:
-        note("texel-light pairs", len(where) * count, (reaches.size - int(reaches.sum())) * count // blocks)
-    total = np.array(parts[0])  # in numpy: XLA would compile a slice for each number of texels
-    for part in parts[1:]:
-        total += np.asarray(part)
-    return np.ascontiguousarray(total[:, :count])
+        note("texel-light pairs", len(where) * count, len(where) * count - pairs)
+    return found
 
 
-def _reaches(normal: Tensor, where: Array, seen: Array | None, block: int, blocks: int) -> Array:
-    """Which lights reach any texel of a block, (blocks, L) bool.
+def _in_blocks(work: Callable[[slice], Any], count: int) -> list[Any]:
+    """What some work answers for each block of texels, shared out among threads."""
+    import jax
+
+    def with_doubles(texels: slice) -> Any:
+        with jax.enable_x64(True):
+            return work(texels)
+
+    each = [slice(start, start + _BLOCK) for start in range(0, count, _BLOCK)]
+    workers = min(torch.get_num_threads(), len(each))
+    if workers < 2:
+        return list(map(with_doubles, each))
+    return list(_pool(workers).map(with_doubles, each))
+
+
+def _reaching(normals: Array, where: Array, seen: Array | None, chosen: Skips) -> Array:
+    """Which lights reach any texel of a block, rising.
 
     Without visibility the normals of a block are known to lie in a cone; a light that is below the horizon of the
     whole cone reaches none.
     """
-    reaches = np.ones((blocks, len(where)), dtype=bool)
-    starts = np.arange(blocks) * block
-    if seen is not None and skips().occluded:
-        for index, start in enumerate(starts):
-            reaches[index] = seen[:, start : start + block].any(axis=1)
-    elif seen is None and skips().below_horizon:
-        for index, start in enumerate(starts):
-            normals = normal[:, start : start + block]
-            axis = unit(normals.mean(dim=1, keepdim=True))
-            tilt = float((axis.T @ normals).min().clamp(-1.0, 1.0))  # cosine of the cone's half angle
-            if tilt > 0.0:
-                reaches[index] = where @ axis[:, 0].numpy() > -np.sqrt(1.0 - tilt * tilt) - 1e-6
-    return reaches
+    if seen is not None and chosen.occluded:
+        return np.flatnonzero(seen.any(axis=1))
+    if seen is None and chosen.below_horizon:
+        axis = normals.mean(axis=1)
+        axis /= max(float(np.linalg.norm(axis)), 1e-12)
+        tilt = float(np.clip((axis @ normals).min(), -1.0, 1.0))  # cosine of the cone's half angle
+        if tilt > 0.0:
+            return np.flatnonzero(where @ axis > -np.sqrt(1.0 - tilt * tilt) - 1e-6)
+    return np.arange(len(where))
+
+
+def _filled(values: Array) -> Array:
+    """Values (..., n) with copies of the last up to `_BLOCK`."""
+    whole = np.empty((*values.shape[:-1], _BLOCK), dtype=values.dtype)
+    whole[..., : values.shape[-1]] = values
+    whole[..., values.shape[-1] :] = values[..., -1:]
+    return whole
 
 
 def _padded(rows: Array) -> Array:
-    """Rows (l, ...) with zeros added up to `_LIGHTS`."""
-    missing = _LIGHTS - len(rows)
-    return np.pad(rows, ((0, missing), (0, 0))) if missing else rows
+    """Rows (l, c) with zeros added up to `_LIGHTS`."""
+    whole = np.zeros((_LIGHTS, *rows.shape[1:]), dtype=rows.dtype)
+    whole[: len(rows)] = rows
+    return whole
+
+
+def _lit(seen: Array | None, lights: slice | Array, texels: slice) -> Array:
+    """What of some lights reaches a block, padded both ways; (1, 1) if everything is lit."""
+    if seen is None:
+        return np.ones((1, 1), dtype=bool)
+    whole = np.empty((_LIGHTS, _BLOCK), dtype=seen.dtype)  # what is not filled is not read
+    some = seen[lights, texels]
+    whole[: some.shape[0], : some.shape[1]] = some
+    return whole
 
 
 @cache
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(thread_name_prefix="shading")
+def _pool(workers: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(workers, thread_name_prefix="shading")
 
 
 @cache
-def _kernel(model: str, block: int, what: Literal["sum", "gradient", "each"]) -> Any:
-    """Adds lights to sums for the blocks from `first` to before `last`: responses, or the gradient of the maps. Or, for
-    one block, the responses (l, block) to each of the first `count` lights.
+def _kernel(model: str, what: Literal["sum", "gradient", "each"]) -> Any:
+    """For the texels of one block and the first `count` lights: their responses added to sums (3K, block), the same
+    of the maps' gradient (7, block), or the response (l, block) to each.
 
-    order (blocks, l) lists the lights of a block, of which the first `reached` (blocks,) are taken.
     Every map is a list of vectors and every sum its own carry: XLA makes one loop of that, where stacked arrays
     would have each row worked out anew.
     """
@@ -278,56 +265,46 @@ def _kernel(model: str, block: int, what: Literal["sum", "gradient", "each"]) ->
     def slope(cosine: Any, alpha2: Any) -> Any:
         return jnp.sqrt((1.0 - alpha2) * cosine * cosine + alpha2)
 
+    def lit(seen: Any, light: Any) -> Any:
+        return seen[light].astype(single) if seen.size > 1 else 1.0
+
+    def vectors(maps: Any) -> list[Any]:
+        return [values if values.ndim == 1 else [*values] for values in maps]
+
     def add(  # type: ignore[no-untyped-def]
-        maps, directions, power, seen, order, reached, sums, first, last
+        maps, directions, power, seen, count, sums
     ):
-        def one(index, sums):  # type: ignore[no-untyped-def]
-            at = index * block
+        normal, view, roughness, *gradient = vectors(maps)
 
-            def local(values):  # type: ignore[no-untyped-def]
-                if values.ndim == 1:
-                    return lax.dynamic_slice(values, (at,), (block,))
-                return [lax.dynamic_slice(row, (at,), (block,)) for row in values]
+        def responses(i, texel):  # type: ignore[no-untyped-def]
+            answers = respond(texel, directions[i], lit(seen, i))
+            return [power[i, colour] * answer for answer in answers for colour in range(3)]
 
-            normal, view, roughness, *gradient = map(local, maps)
+        def plus(total, terms):  # type: ignore[no-untyped-def]
+            return jax.tree.map(lambda before, term: before + term.astype(single), total, terms)
 
-            def responses(step, texel):  # type: ignore[no-untyped-def]
-                i = order[index, step]
-                lit = lax.dynamic_slice(seen, (i, at), (1, block))[0].astype(single) if seen.size > 1 else 1.0
-                answers = respond(texel, directions[i], lit)
-                return [power[i, colour] * answer for answer in answers for colour in range(3)]
+        if what == "sum":
+            texel = prepare(normal, view, roughness)
+            return jnp.stack(lax.fori_loop(0, count, lambda i, total: plus(total, responses(i, texel)), [*sums]))
+        texel, pull = jax.vjp(prepare, normal, view, roughness)
 
-            def plus(total, terms):  # type: ignore[no-untyped-def]
-                return jax.tree.map(lambda before, term: before + term.astype(single), total, terms)
+        def light(i, total):  # type: ignore[no-untyped-def]
+            return plus(total, jax.vjp(lambda texel: responses(i, texel), texel)[1](gradient[0])[0])
 
-            if what == "gradient":
-                texel, pull = jax.vjp(prepare, normal, view, roughness)
-
-                def light(step, total):  # type: ignore[no-untyped-def]
-                    return plus(total, jax.vjp(lambda texel: responses(step, texel), texel)[1](gradient[0])[0])
-
-                zero = jax.tree.map(lambda values: jnp.zeros(block, single), texel)
-                total = lax.fori_loop(0, reached[index], light, zero)
-                of_normal, of_view, of_rough = pull(jax.tree.map(lambda g, of: g.astype(of.dtype), total, texel))
-                found = jnp.stack([row.astype(single) for row in (*of_normal, *of_view, of_rough)])
-            else:
-                texel = prepare(normal, view, roughness)
-                zero = [jnp.zeros(block, single)] * sums.shape[0]
-                found = jnp.stack(lax.fori_loop(0, reached[index], lambda i, s: plus(s, responses(i, texel)), zero))
-            before = lax.dynamic_slice(sums, (0, at), (sums.shape[0], block))
-            return lax.dynamic_update_slice(sums, before + found, (0, at))
-
-        return lax.fori_loop(first, last, one, sums)
+        zero = jax.tree.map(lambda values: jnp.zeros_like(values, single), texel)
+        total = lax.fori_loop(0, count, light, zero)
+        of_normal, of_view, of_rough = pull(jax.tree.map(lambda g, of: g.astype(of.dtype), total, texel))
+        return sums + jnp.stack([row.astype(single) for row in (*of_normal, *of_view, of_rough)])
 
     def each(maps, directions, seen, count):  # type: ignore[no-untyped-def]
-        normal, view, roughness = maps
-        texel = prepare([*normal], [*view], roughness)
+        texel = prepare(*vectors(maps))
 
         def light(i, rows):  # type: ignore[no-untyped-def]
-            answers = respond(texel, directions[i], seen[i].astype(single))
+            answers = respond(texel, directions[i], lit(seen, i))
             places = zip(rows, answers, strict=True)
             return [lax.dynamic_update_slice(row, one.astype(single)[None], (i, 0)) for row, one in places]
 
-        return lax.fori_loop(0, count, light, [jnp.zeros(seen.shape, single)] * RESPONSES[model])
+        held = jnp.zeros((len(directions), maps[2].shape[0]), single)
+        return lax.fori_loop(0, count, light, [held] * RESPONSES[model])
 
     return jax.jit(each if what == "each" else add)
