@@ -51,7 +51,7 @@ def _check(name: str) -> None:
     try:
         torch.ones(1, device=torch.device(name)).sum().item()  # "meta" makes tensors, but computes nothing
     except Exception as error:  # torch has many, of its own and of drivers
-        why = (str(error).strip() or type(error).__name__).splitlines()[0]
+        why = (str(error).strip() or type(error).__name__).splitlines()[0].split(". ")[0]  # torch goes on for a page
         raise InputError(
             f"device {name!r} cannot be used here ({why}); choose cpu, or cuda where it is set up"
         ) from error

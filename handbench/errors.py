@@ -64,6 +64,18 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> InputError:
     return InputError(f"unknown {kind} {shortened(name)}; {hint}")
 
 
+def text_of(error: BaseException) -> str:
+    """What an exception says, in one line that can be kept in a file, whatever its class makes of being asked.
+
+    What is no character, such as a byte of a path that is no UTF-8, is written as an escape.
+    """
+    try:
+        text = str(error)
+    except Exception:  # of a class that is broken itself
+        text = "what it says cannot be told"
+    return " ".join(text.encode("utf-8", "backslashreplace").decode().split())
+
+
 def shortened(value: object) -> str:
     """A value as it is written in a sentence, in some 60 characters at most, whatever it is."""
     if isinstance(value, int) and value.bit_length() > 200:

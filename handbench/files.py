@@ -119,6 +119,7 @@ def check_file(path: Path, remedy: str = "choose another file with --out") -> No
 
 def check_folder(path: Path, remedy: str = "choose another folder with --out") -> None:
     """Raises `StorageError` unless files can be written below `path`, which need not be there yet."""
+    check_name(path, remedy)
     with writing(path, remedy):
         there = path
         while not there.exists() and there != there.parent:
@@ -128,6 +129,13 @@ def check_folder(path: Path, remedy: str = "choose another folder with --out") -
         if not there.is_dir():
             raise StorageError(f"{there} is {_kind(there.stat().st_mode)}, no folder; {remedy}")
         _probe(there / (path.name if there != path else "probe"))
+
+
+def check_name(path: Path, remedy: str = "choose another folder with --out") -> None:
+    """Raises `StorageError` for a folder whose name is no UTF-8: weights written there cannot be read again, as the
+    library that reads them refuses such paths."""
+    if _halved(str(path)):
+        raise StorageError(f"{path} has a byte that is no UTF-8; {remedy}")
 
 
 @contextmanager

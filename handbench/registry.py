@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from .errors import InputError, unknown_name
+from .errors import InputError, text_of, unknown_name
 from .installed import points
 
 
@@ -37,7 +37,7 @@ class Entry:
         try:
             loaded = getattr(importlib.import_module(module), attribute)
         except (Exception, SystemExit) as error:  # whatever foreign code raises
-            text = " ".join(f"{type(error).__name__}: {error}".split())
+            text = f"{type(error).__name__}: {text_of(error)}"
             raise InputError(f"plug-in {self.name!r} at {self.target!r} cannot be loaded: {text}; mend it") from error
         given = dict(self.settings) | ({"changes": dict(self.changes)} if self.changes else {})
         return partial(loaded, **given) if given else loaded
@@ -88,7 +88,7 @@ def _entry(point: importlib.metadata.EntryPoint) -> Entry:
         if not isinstance(entry, Entry):
             raise TypeError(f"{point.value} is no handbench.registry.Entry")
     except (Exception, SystemExit) as error:  # whatever foreign code raises must not hide the other plug-ins
-        text = " ".join(f"{type(error).__name__}: {error}".split())
+        text = f"{type(error).__name__}: {text_of(error)}"
         return Broken(point.name, point.value, f"broken: {text}; uninstall or mend it")
     return entry
 

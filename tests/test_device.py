@@ -20,6 +20,13 @@ def test_a_device_that_is_not_there_is_said(name: str) -> None:
     assert device_name() == "cpu"
 
 
+def test_the_reason_is_one_sentence() -> None:
+    """torch names all its backends where one is not built in."""
+    with pytest.raises(InputError) as told, on_device("mps"):
+        pass
+    assert len(str(told.value)) < 250
+
+
 def test_the_command_line_says_so_too(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "smoke", "--device", "cuda:99"]) == 2
     assert "choose cpu" in capsys.readouterr().err

@@ -120,6 +120,8 @@ def test_a_target_is_looked_at_before_the_work(tmp_path):
             files.check_folder(path)
     with pytest.raises(StorageError, match="No such file"):
         files.check_file(tmp_path / "absent" / "a.png")
+    with pytest.raises(StorageError, match="has a byte that is no UTF-8; choose another folder"):
+        files.check_folder(tmp_path / "\udcff")
     for target in (Path("/proc/a"), tmp_path / ("x" * 300)):
         with pytest.raises(StorageError):
             files.check_file(target)

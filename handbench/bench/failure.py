@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from dataclasses import dataclass
 
-from ..errors import BadFrame, Changed, HandbenchError, NonFinite, Unsupported
+from ..errors import BadFrame, Changed, HandbenchError, NonFinite, Unsupported, text_of
 
 
 @dataclass(frozen=True)
@@ -23,14 +23,14 @@ def failure(error: BaseException) -> Failure:
     """
     if isinstance(error, KeyboardInterrupt):
         raise error
+    text = text_of(error)
     if isinstance(error, Unsupported):
-        return Failure(f"unsupported: {error}", None)
+        return Failure(f"unsupported: {text}", None)
     if isinstance(error, NonFinite):
-        return Failure(f"non-finite: {error}", None)
-    trace = "".join(traceback.format_exception(error))
-    if isinstance(error, MemoryError) or "out of memory" in str(error) or "not enough memory" in str(error):
+        return Failure(f"non-finite: {text}", None)
+    trace = "".join(traceback.format_exception(error)).encode("utf-8", "backslashreplace").decode()
+    if isinstance(error, MemoryError) or "out of memory" in text or "not enough memory" in text:
         return Failure("out of memory", trace)
-    text = " ".join(str(error).split())
     if isinstance(error, BadFrame):
         return Failure(f"bad frame: {text}", trace)
     if isinstance(error, Changed):

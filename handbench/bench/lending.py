@@ -6,7 +6,9 @@ one sees, and one that changes what it was given fails by name, since its own an
 
 from __future__ import annotations
 
+import hashlib
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar, get_args
 
@@ -21,12 +23,26 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class _Lent:
-    """An array and its copy: `owner` is what it belongs to, and `where` the first frame that has it."""
+    """A copy that was handed over, and what tells whether it is still what it was.
 
-    original: Array
-    copy: Array
+    original    the array that it is a copy of; the digest of one that is not kept; or the fields of a dataclass
+    owner       what it belongs to
+    where       the first frame that has it
+    """
+
+    original: Array | str | dict[str, Any]
+    copy: Any
     owner: str
     where: str
+
+    @property
+    def changed(self) -> bool:
+        if isinstance(self.original, dict):
+            now = vars(self.copy)
+            return any(now.get(name, self) is not item for name, item in self.original.items())
+        if isinstance(self.original, str):
+            return _digest(self.copy) != self.original
+        return not np.array_equal(self.original, self.copy)
 
 
 class Lender:
@@ -61,7 +77,7 @@ class Lender:
             self._for = None
             raise Changed(f"the hand model {hands[0]}")
         for lent in self._lent:
-            if not np.array_equal(lent.original, lent.copy):
+            if lent.changed:
                 self._for = None
                 raise Changed(f"the {lent.owner} of {lent.where}")
 
@@ -91,6 +107,10 @@ def _restored_hands() -> list[str]:
     """The hand models that were changed, which they are no more. Nothing is loaded to have none."""
     known = sys.modules.get("handbench.hand.known")
     return known.restored() if known is not None else []
+
+
+def _digest(array: Array) -> str:
+    return hashlib.blake2b(np.ascontiguousarray(array).data, digest_size=16).hexdigest()
 
 
 def _named(kind: type) -> str:
@@ -123,7 +143,30 @@ class _Copier:
             made.flags.writeable = False
             self.lent.append(_Lent(value, made, owner, where))
             return made
-        twin = object.__new__(type(value))  # what was validated once is not validated again
+        twin, named = object.__new__(type(value)), _named(type(value))  # what was validated once is not validated again
         for name, item in vars(value).items():
-            object.__setattr__(twin, name, self.of(item, where, _named(type(value))))
+            # of `Pose.unread` and `Mesh.unread`
+            own = self._later(item, where, named) if name == "_read" else self.of(item, where, named)
+            object.__setattr__(twin, name, own)
+        self.lent.append(_Lent(dict(vars(twin)), twin, named, where))
         return twin
+
+    def _later(self, read: Callable[[], Any], where: str, owner: str) -> Callable[[], Any]:
+        """What reads an array, or a dataclass of arrays, for a copy: into arrays of its own, whose digests are kept."""
+
+        def own(array: Array) -> Array:
+            made = np.array(array, np.float64)
+            made.flags.writeable = False
+            self.lent.append(_Lent(_digest(made), made, owner, where))
+            return made
+
+        def reading() -> Any:
+            found = read()
+            if not is_dataclass(found):
+                return own(found)
+            twin = object.__new__(type(found))
+            for name, array in vars(found).items():
+                object.__setattr__(twin, name, own(array))
+            return twin
+
+        return reading

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 from .. import __version__
-from ..errors import HandbenchError, InputError
+from ..errors import HandbenchError, InputError, text_of
 from ..installed import version
 from ..method import Method
 from ..metricspec import MetricSpec
@@ -107,7 +107,7 @@ def make_method(entry: Entry, preset: str) -> Method:
     except HandbenchError:
         raise
     except (Exception, SystemExit) as error:
-        text = " ".join(f"{type(error).__name__}: {error}".split())
+        text = f"{type(error).__name__}: {text_of(error)}"
         raise InputError(f"plug-in {entry.name!r} at {entry.target!r} fails ({text}); mend it") from error
     if not isinstance(method, Method):
         made = type(method).__name__
@@ -175,5 +175,5 @@ def _resolved(entry: Entry, preset: str) -> Mapping[str, Any] | None:
     try:
         digest(config)
     except (TypeError, ValueError) as error:
-        raise InputError(f"plug-in {entry.name!r} has a config that holds no JSON value: {error}") from error
+        raise InputError(f"plug-in {entry.name!r} has a config that holds no JSON value: {text_of(error)}") from error
     return config

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..data.capture import Capture, by_key, read
-from ..errors import BadFrame, StorageError
+from ..errors import BadFrame, StorageError, text_of
 from ..scene import Frame, Mesh, Observation
 from .failure import Failure, failure
 from .lending import copied
@@ -38,7 +38,7 @@ class CaptureReader:
         bad = self._error
         link: BaseException | None = error
         while bad is not None and link is not None:
-            if link is bad or str(link) == str(bad):
+            if link is bad or text_of(link) == text_of(bad):
                 return bad
             link = link.__cause__ or link.__context__
         return None

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..data.inspection import SKIN, median_of_hand
-from ..errors import BadFrame
+from ..errors import BadFrame, InputError
 from ..results.measured import ScoredFrame
 from ..results.oldrecord import NOT_FINITE
 from ..scene import Frame, Prediction
@@ -77,7 +77,11 @@ class Scoring:
         if (median := median_of_hand(truth)) is not None:
             self._medians[frame.key] = median
         mesh = self._reader.surface(frame) if self._with_mesh else None  # the true one may have to be worked out
-        return self._module.Pair.of(picture, truth, mesh)
+        try:
+            return self._module.Pair.of(picture, truth, mesh)
+        except InputError as error:  # of a picture that does not fit its truth, which is its method's fault
+            self.missing(frame, failure(error))
+            return None
 
     def frames(self, scored: Sequence[tuple[str, Frame]]) -> tuple[ScoredFrame, ...]:
         """The frames of columns with their values; each was scored, or is missing."""

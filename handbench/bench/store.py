@@ -29,7 +29,7 @@ from ..checkpoint import Checkpoints, checkpoints_in
 from ..claims import claim, holder
 from ..data.predictionfiles import flat_path
 from ..errors import Absent, Damaged, HandbenchError, StorageError
-from ..files import JSON_LIMIT, read_bytes, writing
+from ..files import JSON_LIMIT, check_name, read_bytes, writing
 from ..results.measured import CurvePoint
 from ..results.record import CellRecord, PriorRecord, RunRecord
 from ..results.recordfile import dump, parse
@@ -53,6 +53,7 @@ class Store:
 
         Raises `StorageError` if the folder or one that it keeps results in cannot be written.
         """
+        check_name(self.folder)
         with writing(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
         for name in _PARTS:

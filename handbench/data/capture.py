@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from inspect import signature
 from pathlib import Path
 
-from ..errors import BadFrame, HandbenchError, InputError, StorageError
+from ..errors import BadFrame, HandbenchError, InputError, StorageError, text_of
 from ..method import Progress, silent
 from ..recording import PARTS, Need, Part, Recording, offered
 from ..registry import CAPTURES
@@ -121,5 +121,5 @@ def read(capture: Capture, frame: Frame) -> Observation:
         raise
     except (Exception, SystemExit) as error:
         kind = "" if isinstance(error, HandbenchError) else f"{type(error).__name__}: "
-        raise BadFrame(f"{frame.key}: {kind}{' '.join(str(error).split())}") from error
+        raise BadFrame(f"{frame.key}: {kind}{text_of(error)}") from error
     return seen

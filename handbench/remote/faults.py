@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from typing import Any
 
-from ..errors import HandbenchError, InputError, NonFinite, StorageError, Unsupported
+from ..errors import HandbenchError, InputError, NonFinite, StorageError, Unsupported, text_of
 
 _KNOWN: dict[str, type[Exception]] = {
     kind.__name__: kind for kind in (Unsupported, NonFinite, InputError, StorageError, HandbenchError, MemoryError)
@@ -19,7 +19,7 @@ def describe(error: Exception) -> dict[str, Any]:
     if isinstance(error, OSError) and error.errno is not None:
         system = [error.errno, error.strerror, error.filename and str(error.filename)]
     trace = "".join(traceback.format_exception(error))
-    return {"type": type(error).__name__, "known": known, "system": system, "text": str(error), "trace": trace}
+    return {"type": type(error).__name__, "known": known, "system": system, "text": text_of(error), "trace": trace}
 
 
 def revive(told: dict[str, Any]) -> Exception:

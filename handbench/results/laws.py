@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ..errors import text_of
 from ..method import Avatar, PosedAvatar
 from ..scene import Array, Frame, Group, Light, Query
 from .measured import Laws
@@ -80,7 +81,7 @@ def measured_laws(avatar: Avatar, frames: Sequence[Frame], query: Query) -> Laws
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # the scores tell of a method that fails; here only that a pair is missing
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            reason = f"{type(error).__name__}: {text_of(error)}"
     worst = {f.name: max((getattr(d, f.name) for d in found), default=np.inf) for f in fields(Deviations)}
     values = {name: value if np.isfinite(value) else None for name, value in worst.items()}
     if found and None in values.values():

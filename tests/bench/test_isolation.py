@@ -26,7 +26,7 @@ from handbench.hand import known
 from handbench.hand.fitting.rig import Rig
 from handbench.hand.openhand import create
 from handbench.render.uv.atlas import Atlas
-from handbench.scene import Environment, Light, Viewpoint, leaves
+from handbench.scene import Environment, Light, Mesh, Pose, Topology, Viewpoint, leaves
 
 ROGUE = "toy-lossy"
 
@@ -115,6 +115,48 @@ def test_who_changes_a_query_is_named_and_harms_nobody(rogue, alone, toy_protoco
     assert len(outcome.crashed) == 2 and "changed what it was given" in outcome.crashed[0]
     assert run(toy_protocol(), methods=["toy"], out=tmp_path / "run").reused == 2, "what was computed beside it holds"
     assert scores(tmp_path / "run", "toy") == alone
+
+
+FIELDS = {
+    "the camera of s0": lambda q: (q.viewpoint.camera, "width", 5),
+    "the mesh of s0": lambda q: (q.viewpoint.mesh, "vertices", 2 * q.viewpoint.mesh.vertices),
+    "the light of s0": lambda q: (next(leaves(q.light)), "direction", np.array([0.0, 0.0, 1.0])),
+}
+
+
+@pytest.mark.parametrize("named", FIELDS)
+def test_who_puts_another_value_into_a_field_is_named_too(rogue, alone, toy_protocol, tmp_path, named):
+    rogue("relight", lambda query: object.__setattr__(*FIELDS[named](query)))
+    run(toy_protocol(), methods=[ROGUE, "toy"], out=tmp_path / "run")
+    assert scores(tmp_path / "run", "toy") == alone
+    assert all(reason.startswith(f"changed what it was given: {named}") for reason in reasons(tmp_path / "run", ROGUE))
+
+
+def test_poses_and_meshes_that_are_read_late_are_watched_when_they_are_read(fakes, toy_protocol):
+    read: list[str] = []
+
+    def vertices() -> np.ndarray:
+        read.append("mesh")
+        return np.eye(3, dtype=np.float32)  # of another type than a mesh has
+
+    def pose() -> Pose:
+        return Pose(np.ones((1, 3)))
+
+    frame = replace(
+        fakes.ToyCapture().frames()[0], pose=Pose.unread(pose), mesh=Mesh.unread(vertices, Topology([[0, 1, 2]]))
+    )
+    selected = resolve(toy_protocol(), fakes.ToyCapture().frames())
+    for part, field in (("mesh", "vertices"), ("pose", "joints")):
+        lender = Lender()
+        (lent,) = lender.lend(replace(selected, train=(frame,)), "one").train
+        read.clear()
+        lender.check()
+        assert not read, "what nobody looked at is not read to see whether it changed"
+        assert np.array_equal(getattr(getattr(lent, part), field), getattr(getattr(frame, part), field))
+        lender.check()
+        spoil(getattr(getattr(lent, part), field))
+        with pytest.raises(Changed, match=f"the {part} of {frame.key}"):
+            lender.check()
 
 
 @pytest.mark.parametrize("call", ["train", "personalise"])
@@ -267,6 +309,23 @@ def test_a_method_that_ends_the_process_has_crashed(rogue, alone, toy_protocol, 
     assert scores(tmp_path / "run", "toy") == alone
     assert len(outcome.crashed) == 2 and "crashed: SystemExit" in outcome.crashed[0]
     assert all(reason.startswith("crashed: SystemExit") for reason in reasons(tmp_path / "run", ROGUE))
+
+
+class Mute(Exception):
+    def __str__(self) -> str:
+        raise ValueError("no words")
+
+
+@pytest.mark.parametrize(
+    ("error", "told"), [(Mute(), "Mute: what it says cannot be told"), (OSError("x\udcff"), "OSError: x\\udcff")]
+)
+def test_a_failure_is_told_whatever_it_says(rogue, toy_protocol, tmp_path, error, told):
+    def fail(_):
+        raise error
+
+    rogue("relight", fail)
+    run(toy_protocol(), methods=[ROGUE], out=tmp_path / "run")
+    assert reasons(tmp_path / "run", ROGUE) == {f"crashed: {told}"}
 
 
 def test_an_interrupt_stays_one(rogue, toy_protocol, tmp_path):

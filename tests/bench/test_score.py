@@ -325,6 +325,7 @@ def test_a_template_overwrites_nothing(protocol, tmp_path):
         ({"seed": -1}, "seed is -1; give a whole number, at least 0"),
         ({"seed": True}, "seed is True; give a whole number, at least 0"),
         ({"note": ["a"]}, "note is ['a']; give a text"),
+        ({"colour": ["sRGB"]}, "colour is ['sRGB'], expected "),
         ({"licence": "MIT"}, "'licence' is not known; the keys are format, version, "),
     ],
 )
