@@ -24,7 +24,9 @@ pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason=f"no Chromium is installed: none of {', '.join(NAMES)} is there"
 )
 QUIET = ("no-sandbox", "disable-gpu", "disable-background-networking", "no-first-run", "disable-component-update")
+SPARING = ("renderer-process-limit=1",)  # windows share a process
 TOLERATED = 1  # pixels of rounding
+A4 = (1032, 700)  # pixels across, less its margins
 
 
 @pytest.fixture(scope="module")
@@ -60,16 +62,16 @@ def wide_address(many: Run, tmp_path_factory: pytest.TempPathFactory, page_of: C
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     with sync_api.sync_playwright() as playwright:
-        flags = [f"--{flag}" for flag in (*QUIET, "disable-sync")]
+        flags = [f"--{flag}" for flag in (*QUIET, *SPARING, "disable-sync")]
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=flags)
         yield browser
         browser.close()
 
 
 class Opened:
-    """The page in a window of its own, and what it complained of or asked the network for."""
+    """The page in a window, and what it complained of or asked the network for."""
 
-    def __init__(self, browser: Any, address: str, width: int = 1280, height: int = 900, **settings: Any) -> None:
+    def __init__(self, browser: Any, width: int = 1280, height: int = 900, **settings: Any) -> None:
         self.context = browser.new_context(viewport={"width": width, "height": height}, **settings)
         self.page = self.context.new_page()
         self.page.set_default_timeout(120_000)  # a machine may be busy
@@ -78,9 +80,22 @@ class Opened:
         self.page.on("console", lambda message: self.complaints.append(f"{message.type}: {message.text}"))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("request", lambda request: self.requests.append(request.url))
+        self.scripts = settings.get("java_script_enabled", True)
+
+    def show(self, address: str) -> Opened:
+        """Load the page, as it is before anybody touches it."""
+        self.page.mouse.move(0, 0)
+        self.complaints.clear()
+        self.requests.clear()
         self.page.goto(address)
-        if settings.get("java_script_enabled", True) and self.page.locator(".stage").count():
+        if self.scripts and self.page.locator(".stage").count():
             self.drawn()
+        return self
+
+    def become(self, width: int = 1280, height: int = 900, media: str = "screen", scheme: str = "light") -> Opened:
+        self.page.set_viewport_size({"width": width, "height": height})
+        self.page.emulate_media(media=media, color_scheme=scheme)
+        return self
 
     def drawn(self) -> None:
         self.page.wait_for_selector('.stage[aria-busy="false"]')
@@ -110,25 +125,48 @@ class Opened:
         return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
+@pytest.fixture(scope="module")
+def window(browser: Any) -> Opened:
+    """One for most tests: a new window takes as much time as two pages."""
+    return Opened(browser)
+
+
 @pytest.fixture
-def opened(browser: Any, address: str) -> Iterator[Opened]:
-    found = Opened(browser, address)
-    yield found
-    found.context.close()
-    assert not found.complaints, "nothing that a test does makes the page complain"
+def opened(window: Opened, address: str) -> Iterator[Opened]:
+    """The page, loaded for this test."""
+    yield window.become().show(address)
+    assert not window.complaints, "nothing that a test does makes the page complain"
 
 
-def test_the_page_opens_from_disk_and_asks_the_network_for_nothing(opened: Opened) -> None:
-    assert opened.page.title().startswith("Quick comparison")
-    assert not [url for url in opened.requests if not url.startswith(("file:", "data:"))]
+@pytest.fixture(scope="module")
+def loaded(browser: Any, address: str) -> Opened:
+    return Opened(browser).show(address)
+
+
+@pytest.fixture
+def seen(loaded: Opened) -> Iterator[Opened]:
+    """The page, loaded once: to be looked at, in windows of other widths too, not to be touched."""
+    yield loaded.become()
+    assert not loaded.complaints
+
+
+@pytest.fixture(scope="module")
+def wide(browser: Any, wide_address: str) -> Opened:
+    """The wide page, to be looked at in windows of all widths."""
+    return Opened(browser, 390, 900).show(wide_address)
+
+
+def test_the_page_opens_from_disk_and_asks_the_network_for_nothing(seen: Opened) -> None:
+    assert seen.page.title().startswith("Quick comparison")
+    assert not [url for url in seen.requests if not url.startswith(("file:", "data:"))]
     broken = "all => all.filter(one => one.complete && !one.naturalWidth).length"
-    assert opened.page.eval_on_selector_all("img", broken) == 0
+    assert seen.page.eval_on_selector_all("img", broken) == 0
 
 
-def test_links_of_the_contents_lead_to_sections(opened: Opened) -> None:
-    links = opened.page.eval_on_selector_all(".contents a", "all => all.map(one => one.getAttribute('href'))")
+def test_links_of_the_contents_lead_to_sections(seen: Opened) -> None:
+    links = seen.page.eval_on_selector_all(".contents a", "all => all.map(one => one.getAttribute('href'))")
     assert {"#results", "#methods", "#pareto", "#viewer", "#figures"} <= set(links)
-    assert all(opened.page.locator(link).count() == 1 for link in links)
+    assert all(seen.page.locator(link).count() == 1 for link in links)
 
 
 def test_sorting_goes_both_ways_keeps_gaps_and_published_rows_last_and_is_announced(opened: Opened) -> None:
@@ -162,10 +200,10 @@ def test_plots_follow_the_choice_of_metric_and_time(opened: Opened) -> None:
     ]
 
 
-def test_labels_in_plots_do_not_overlap_in_the_browsers_own_font(opened: Opened) -> None:
+def test_labels_in_plots_do_not_overlap_in_the_browsers_own_font(seen: Opened) -> None:
     boxes = """all => all.map(one =>
       [...one.querySelectorAll("g text")].map(text => text.getBoundingClientRect().toJSON()))"""
-    for labels in opened.page.eval_on_selector_all("#pareto-plots figure:not([hidden]) svg", boxes):
+    for labels in seen.page.eval_on_selector_all("#pareto-plots figure:not([hidden]) svg", boxes):
         for i, one in enumerate(labels):
             for other in labels[:i]:
                 across = min(one["right"], other["right"]) - max(one["left"], other["left"])
@@ -311,7 +349,7 @@ def test_the_wheel_scrolls_the_page_until_the_picture_is_chosen(opened: Opened) 
 
 
 def test_by_touch_one_finger_moves_the_divider_and_two_zoom(browser: Any, address: str) -> None:
-    opened = Opened(browser, address, 390, 780, has_touch=True, is_mobile=True)
+    opened = Opened(browser, 390, 780, has_touch=True, is_mobile=True).show(address)
     x, y = opened.middle()
     touch = opened.context.new_cdp_session(opened.page)
 
@@ -439,43 +477,38 @@ WIDE = """() => [...document.querySelectorAll(".scroll")].filter(one => one.scro
 
 
 @pytest.mark.parametrize("width", (390, 820, 1280, 2560))
-def test_no_column_is_off_screen_without_a_cue(browser: Any, wide_address: str, width: int) -> None:
+def test_no_column_is_off_screen_without_a_cue(wide: Opened, width: int) -> None:
     """24 value columns and 15 methods: tables fit, or say that they go on, and where."""
-    opened = Opened(browser, wide_address, width, 900)
-    found = opened.page.evaluate(WIDE)
+    page = wide.become(width).page
+    page.evaluate("() => new Promise(done => requestAnimationFrame(done))")  # the page has heard of its width
+    found = page.evaluate(WIDE)
     assert all(cue and more == "right" for _, cue, more in found), found
     if width >= 820:
         assert not [label for label, *_ in found if "metric" in label], "tables of results fit"
-    assert opened.page.evaluate("document.documentElement.scrollWidth") <= width + TOLERATED
-    opened.context.close()
+    assert page.evaluate("document.documentElement.scrollWidth") <= width + TOLERATED
 
 
-def test_print_has_all_24_columns(browser: Any, wide_address: str) -> None:
-    opened = Opened(browser, wide_address, 1032, 700)  # A4 across, less its margins
-    page = opened.page
-    page.emulate_media(media="print")
+def test_print_has_all_24_columns(wide: Opened) -> None:
+    page = wide.become(*A4, media="print").page
     cut = "all => all.filter(one => one.getBoundingClientRect().right > innerWidth + 1).map(one => one.className)"
     assert page.eval_on_selector_all("table", cut) == []
     assert page.locator(".block th.num:visible").count() == 24
-    opened.context.close()
 
 
 @pytest.mark.parametrize("width", (320, 400, 768))
-def test_a_narrow_window_has_no_sideways_scroll(browser: Any, address: str, width: int) -> None:
-    opened = Opened(browser, address, width, 700)
+def test_a_narrow_window_has_no_sideways_scroll(seen: Opened, width: int) -> None:
+    page = seen.become(width, 700).page
     wide = """() => [...document.querySelectorAll("body *")].filter(one =>
       one.getBoundingClientRect().right > innerWidth + 1 && !one.closest(".scroll, .hidden, .side, .skip")
     ).map(one => one.outerHTML.slice(0, 90))"""
-    assert opened.page.evaluate("document.documentElement.scrollWidth") <= width + TOLERATED
-    assert opened.page.evaluate(wide) == []
-    opened.context.close()
+    assert page.evaluate("document.documentElement.scrollWidth") <= width + TOLERATED
+    assert page.evaluate(wide) == []
 
 
-def test_print_has_whole_tables_and_no_controls(browser: Any, address: str) -> None:
-    opened = Opened(browser, address, 1032, 700)  # A4 across, less its margins
-    page = opened.page
+def test_print_has_whole_tables_and_no_controls(opened: Opened) -> None:
+    page = opened.become(*A4).page
     page.click(".picker button:nth-child(2)")
-    page.emulate_media(media="print")
+    opened.become(*A4, media="print")
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
     for selector in (".picker", ".choices", "#viewer", ".contents"):
         assert not page.locator(selector).first.is_visible(), selector
@@ -483,12 +516,10 @@ def test_print_has_whole_tables_and_no_controls(browser: Any, address: str) -> N
     assert page.eval_on_selector_all("table", tables) == []
     assert page.locator(".block:visible th.num").count() == 9, "all columns, though one metric was picked"
     assert page.pdf(prefer_css_page_size=True).startswith(b"%PDF")
-    opened.context.close()
 
 
 @pytest.mark.parametrize("scheme", ("light", "dark"))
-def test_text_has_contrast(browser: Any, address: str, scheme: str) -> None:
-    opened = Opened(browser, address, color_scheme=scheme)
+def test_text_has_contrast(seen: Opened, scheme: str) -> None:
     faint = """() => {
       const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
       const luminance = (rgb) => rgb.slice(0, 3).map((v) => v / 255)
@@ -512,8 +543,7 @@ def test_text_has_contrast(browser: Any, address: str, scheme: str) -> None:
       }
       return [...found];
     }"""
-    assert opened.page.evaluate(faint) == []
-    opened.context.close()
+    assert seen.become(scheme=scheme).page.evaluate(faint) == []
 
 
 def test_everything_that_can_be_operated_has_a_name_and_a_visible_focus(opened: Opened) -> None:
@@ -539,14 +569,14 @@ def test_everything_that_can_be_operated_has_a_name_and_a_visible_focus(opened: 
     assert {"stage", "split", "error", "swap", "subject", "right", "before"} <= visited, "the viewer is on the way"
 
 
-def test_tables_have_captions_and_heads_have_scopes(opened: Opened) -> None:
+def test_tables_have_captions_and_heads_have_scopes(seen: Opened) -> None:
     bare = "all => all.filter(one => !one.caption?.textContent.trim()).length"
-    assert opened.page.eval_on_selector_all("table", bare) == 0
-    assert opened.page.locator("th:not([scope])").count() == 0
+    assert seen.page.eval_on_selector_all("table", bare) == 0
+    assert seen.page.locator("th:not([scope])").count() == 0
 
 
 def test_without_scripts_the_results_are_there_and_the_viewer_says_why_it_is_not(browser: Any, address: str) -> None:
-    opened = Opened(browser, address, java_script_enabled=False)
+    opened = Opened(browser, java_script_enabled=False).show(address)
     page = opened.page
     assert page.is_visible(".results") and not page.is_visible(".viewer") and not page.is_visible(".choices")
     assert "needs JavaScript" in page.inner_text("#viewer")
