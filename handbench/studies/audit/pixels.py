@@ -11,6 +11,7 @@ import numpy as np
 from ...bench import given
 from ...bench.isolation import isolated
 from ...bench.lending import answered
+from ...bench.reopening import method_as
 from ...device import device_name
 from ...errors import Changed
 from ...evenly import evenly
@@ -68,7 +69,7 @@ def _drawn(evidence: Evidence, cell: CellRecord, trouble: list[str]) -> dict[str
     lender = evidence.bench.lender
     with isolated():
         bench = replace(evidence.bench, selected=lender.lend(evidence.selected, cell.method.name))
-        method = METHODS.load(cell.method.name)(preset=cell.method.preset)
+        method = method_as(METHODS.entry(cell.method.name), cell.method.preset, cell.method.config)
         prior = method.load(evidence.store.sound_state(cell.prior or ""))
         avatar = prior.personalise(bench.enrolment(cell.subject, method), cell.seed)
         queries = {f.key: given.asked(bench.selected, method.info, f) for _, f in bench.scored(cell.subject)}
