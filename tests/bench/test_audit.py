@@ -28,7 +28,6 @@ from handbench.settings import Setting
 from handbench.studies.audit import CHECKS, audit, injection, pixels, separation
 from handbench.studies.audit.evidence import Evidence, gather
 
-
 SMALL = [Setting.parse(f"physical:{one}") for one in ("texture=64", "fit_frames=8", "roughness=0.3,0.5")]
 
 
