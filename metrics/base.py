@@ -8,15 +8,17 @@ signature   "psnr|region:box|space:srgb|scale:rgb|mask:alpha>0.5|peak:1|cap:100|
 from __future__ import annotations
 
 import math
+import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handbench.errors import InputError, NonFinite, Unsupported, unknown_name
+from handbench.errors import InputError, NonFinite, Unsupported, text_of, unknown_name
 from handbench.metricspec import MetricSpec
 from handbench.registry import METRICS
 
@@ -26,10 +28,14 @@ from .view import ALPHA, REGIONS, SCALES, SPACES, Looks, Recent, View
 
 @dataclass(frozen=True)
 class Score:
-    """The score of one pair: a finite value, or None and the reason why there is none."""
+    """The score of one pair: a finite value, or None and the reason why there is none.
+
+    trace    the traceback where the metric of a plug-in crashed, which trying again may help
+    """
 
     value: float | None
     reason: str | None = None
+    trace: str | None = None
 
     def __post_init__(self) -> None:
         if (self.value is None) == (self.reason is None):
@@ -71,6 +77,14 @@ class AnyFamily(ABC):
     @abstractmethod
     def value(self, looks: Looks, options: Mapping[str, str]) -> float:
         """The value for a pair under the chosen options; raises `Unsupported` with the reason there is none."""
+
+    @property
+    def ours(self) -> bool:
+        """Whether handbench itself measures it, and no plug-in."""
+        code = getattr(self, "measure", type(self))
+        while isinstance(code, partial):
+            code = code.func
+        return str(getattr(code, "__module__", "")).startswith("handbench.")
 
     def with_options(self, chosen: Mapping[str, str]) -> Metric:
         """The metric with the chosen options, the rest default. `InputError` for an unknown option or value."""
@@ -211,12 +225,22 @@ class Metric:
         return [row[0] for row in scores([self], pairs)]
 
     def score(self, looks: Looks) -> Score:
-        """The score of one pair, sharing what other metrics have already computed of it."""
+        """The score of one pair, sharing what other metrics have already computed of it.
+
+        A plug-in's metric gets arrays of its own, and if it crashes there is no value, so that other metrics hold
+        whatever it does. One of ours raises what it raises.
+        """
+        ours = self.family.ours
         try:
-            value = self.family.value(looks, self.options)
+            value = float(self.family.value(looks if ours else Looks(_copied(looks.pair)), self.options))
         except Unsupported as reason:
             return Score(None, str(reason))
-        return Score(float(value)) if math.isfinite(value) else Score(None, f"{self.family.title} is {value}")
+        except (Exception, SystemExit) as error:
+            if ours or isinstance(error, MemoryError):
+                raise
+            trace = "".join(traceback.format_exception(error)).encode("utf-8", "backslashreplace").decode()
+            return Score(None, f"the metric crashed: {type(error).__name__}: {text_of(error)}"[:300], trace)
+        return Score(value) if math.isfinite(value) else Score(None, f"{self.family.title} is {value}")
 
 
 def scores(metrics: Sequence[Metric], pairs: Iterable[Pair], recent: Recent | None = None) -> list[list[Score]]:
@@ -230,6 +254,11 @@ def scores(metrics: Sequence[Metric], pairs: Iterable[Pair], recent: Recent | No
         looks = Looks(pair, recent)
         rows.append([metric.score(looks) for metric in metrics])
     return rows
+
+
+def _copied(pair: Pair) -> Pair:
+    held = {f.name: getattr(pair, f.name) for f in fields(pair)}
+    return replace(pair, **{name: array.copy() for name, array in held.items() if isinstance(array, np.ndarray)})
 
 
 def _drawn(found: Any, what: str) -> NDArray[Any]:

@@ -56,6 +56,7 @@ class Scoring:
         rows = self._module.scores(list(self._metrics.values()), [pair for _, pair in sound], self._recent)
         for (frame, _), row in zip(sound, rows, strict=True):
             self._found[frame.key] = [_value(score.value, score.reason) for score in row]
+            self.trace = self.trace or next((score.trace for score in row if score.trace), None)
         self.seconds += time.perf_counter() - start
 
     def _pair(self, frame: Frame, picture: Prediction) -> Any:

@@ -3,11 +3,27 @@
 from __future__ import annotations
 
 import itertools
+import warnings
+from collections.abc import Callable
 
+import numpy as np
 import pytest
+import torch
 
 from handbench.errors import InputError, NonFinite
-from handbench.metrics import ENTRIES, AnyFamily, Metric, Score, from_signature, metric
+from handbench.metrics import (
+    ENTRIES,
+    AnyFamily,
+    Family,
+    Looks,
+    Metric,
+    Pair,
+    Score,
+    View,
+    from_signature,
+    metric,
+    scores,
+)
 from handbench.registry import METRICS
 
 
@@ -67,6 +83,43 @@ def test_a_wrong_spec_is_one_clear_sentence(spec: str, message: str) -> None:
 def test_a_signature_of_another_version_is_refused() -> None:
     with pytest.raises(InputError, match="another version of 'psnr'"):
         from_signature(metric("psnr").signature.replace("v1", "v0"))
+
+
+def of_a_plug_in(measure: Callable[[View], float]) -> Metric:
+    return Family("foreign", "Foreign", measure, higher_is_better=False, decimals=2).with_options({})
+
+
+def test_a_plug_ins_metric_that_crashes_leaves_the_others_their_values() -> None:
+    def crash(_: View) -> float:
+        raise SystemExit("enough")
+
+    pair = Pair(np.full((16, 16, 3), 0.4), np.full((16, 16, 3), 0.5), np.ones((16, 16)))
+    ((lost, kept),) = scores([of_a_plug_in(crash), metric("psnr")], [pair])
+    assert kept == metric("psnr")([pair])[0] and kept.value is not None
+    assert lost.value is None and lost.reason == "the metric crashed: SystemExit: enough"
+    assert lost.trace is not None and "in crash" in lost.trace
+
+
+def test_a_plug_ins_metric_writes_into_arrays_of_its_own() -> None:
+    def spoil(view: View) -> float:
+        for array in (view.prediction, view.truth):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # torch warns of read-only arrays, and writes
+                torch.from_numpy(array).zero_()
+        return 0.0
+
+    pair = Pair(np.full((16, 16, 3), 0.4, np.float32), np.full((16, 16, 3), 0.5, np.float32), np.ones((16, 16)))
+    alone = metric("psnr:space=linear")([pair])
+    linear = Family("foreign", "Foreign", spoil, higher_is_better=False, spaces=("linear",)).with_options({})
+    assert scores([linear, metric("psnr:space=linear")], [pair])[0][1:] == alone
+
+
+def test_a_metric_of_ours_raises_what_it_raises(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert all(each.family.ours for each in every_metric())
+    pair = Pair(np.full((16, 16, 3), 0.4), np.full((16, 16, 3), 0.5), np.ones((16, 16)))
+    monkeypatch.setattr(Looks, "view", lambda *_: 1 // 0)
+    with pytest.raises(ZeroDivisionError):
+        metric("psnr")([pair])
 
 
 def test_a_score_is_a_finite_value_or_a_reason() -> None:
