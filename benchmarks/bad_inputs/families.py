@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
 import random
 from collections.abc import Callable
 from pathlib import Path
+
+from handbench.results.recordfile import sealed
 
 from .bases import Bases, values
 from .case import BadInput
@@ -46,7 +49,8 @@ _SAME: tuple[tuple[str, Callable[[str], str]], ...] = (
 
 
 def runs(rng: random.Random, bases: Bases) -> BadInput:
-    """A run folder with a spoiled file, read by every verb that reads runs."""
+    """A run folder with a spoiled file, read by every verb that reads runs. Some records are sealed again, as by who
+    wants them to be believed: their digests fit, and what they say must be refused, or shown as it stands."""
     files = sorted(
         path.relative_to(bases.run).as_posix()
         for path in (*bases.run.glob("*.json"), *bases.run.glob("cells/*"), *bases.run.glob("priors/*/train.json"))
@@ -60,12 +64,24 @@ def runs(rng: random.Random, bases: Bases) -> BadInput:
         return _special(rng, "runs", f"run/{name}", words, ("run", bases.run), f"{verb}: ")
     content = (bases.run / name).read_bytes()
     if name.endswith(".json") and rng.random() < 0.8:
-        content = spoiled_json(rng, content.decode()).encode("utf-8", "surrogateescape")
+        text = spoiled_json(rng, content.decode())
+        if rng.random() < 0.7 and (forged := _sealed(text)) is not None:
+            text, right = forged, None
+        content = text.encode("utf-8", "surrogateescape")
     elif rng.random() < 0.3:
         content = _other_digit(rng, content)
     else:
         content = spoiled_bytes(rng, content)
     return BadInput("runs", f"{verb}: {name.split('/')[0]}", words, right, {f"run/{name}": content}, ("run", bases.run))
+
+
+def _sealed(text: str) -> str | None:
+    """A record with the digest of what it says now; None for what is no record any more."""
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return json.dumps(sealed(content)) if isinstance(content, dict) else None
 
 
 _READERS = {
