@@ -10,10 +10,13 @@ from typing import Any
 
 import pytest
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 
 # The same examples every time: a test that fails once fails again. To search further: --hypothesis-profile=default.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
+# Nor do they depend on numbers in the sources of what is imported, which Hypothesis reads for 2 s in each process.
+providers._get_local_constants = lambda: providers._local_constants
 
 # a job in the background may have signals ignored, and what the tests start would inherit that
 signal.signal(signal.SIGINT, signal.default_int_handler)
