@@ -26,8 +26,15 @@ SMOKE = PRESETS["smoke"]
 
 @pytest.fixture(scope="module")
 def training(training: Recording) -> Recording:
-    """One pose: what is looked at here doesn't need more."""
-    return training.where(lambda frame: frame.pose_name == "pose-0")
+    """One pose from one side: what is looked at here doesn't need more."""
+    return training.where(lambda frame: frame.pose_name == "pose-0" and frame.camera.name == "palmar")
+
+
+@pytest.fixture(scope="module")
+def enrolment(enrolment: Recording) -> Recording:
+    """One picture."""
+    first = enrolment.frames[0]
+    return enrolment.where(lambda frame: frame is first)
 
 
 def test_overrides_name_fields_and_change_them() -> None:

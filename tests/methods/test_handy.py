@@ -170,7 +170,7 @@ def enrolment(capture: Any, subject: str = "s01", gives: frozenset[Any] = PARTS)
     return Recording(frames, capture.observe, gives)
 
 
-CONFIG = replace(PRESETS["smoke"], steps=40, frames=4, batch=2)
+CONFIG = replace(PRESETS["smoke"], steps=20, frames=4, batch=1, rate=(0.2, 0.1))
 
 
 @pytest.fixture(scope="module")

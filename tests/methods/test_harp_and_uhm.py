@@ -238,7 +238,7 @@ def toy() -> tuple[Enrolled, torch.Tensor]:
     return Enrolled(hand, shape, tuple(seen)), stripes
 
 
-CONFIG = replace(HARP["smoke"], steps=(14, 10, 30), side=96, rate=4e-4)
+CONFIG = replace(HARP["smoke"], steps=(10, 6, 20), side=96, rate=4e-4)
 
 
 @pytest.fixture(scope="module")

@@ -220,12 +220,10 @@ def test_tracking_refuses_unless_it_may_be_blind(
 def test_the_protocol_compares_both_meshes(tmp_path: Path) -> None:
     """At smoke size: the columns of protocol `tracked` are those of the same methods."""
     assert {"physical", "physical-tracked"} <= set(find_protocol("tracked").methods)
-    parts = (("physical", ""), ("physical-tracked", "method."))
-    small = [
-        Setting(f"{part}{name}", value, method)
-        for method, part in parts
-        for name, value in (("texture", "64"), ("fit_frames", "8"))
-    ]
+    sizes = {"texture": "64", "fit_frames": "8"}
+    tracked = {f"method.{name}": value for name, value in sizes.items()} | {"geometry.steps": "8"}
+    parts = (("physical", sizes), ("physical-tracked", tracked))
+    small = [Setting(name, value, method) for method, values in parts for name, value in values.items()]
     outcome = run(find_protocol("smoke"), methods=["physical", "physical-tracked"], out=tmp_path, settings=small)
     assert (outcome.computed, outcome.crashed) == (4, ())
     found: dict[str, list[float]] = {}
