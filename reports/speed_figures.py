@@ -98,6 +98,7 @@ def _images(figure: Figure, kinds: Sequence[str]) -> Images:
         out = io.BytesIO()
         dated = {"CreationDate": None} if kind == "pdf" else {"Software": None}
         figure.savefig(out, format=kind, dpi=200, metadata=dated, bbox_inches="tight", pad_inches=0.05)
+        figure.set_layout_engine("none")  # it is laid out: another kind has the same places
         found[kind] = out.getvalue()
     return found
 
