@@ -20,11 +20,11 @@ from skimage.transform import resize
 from torch import Tensor
 from torch.nn.functional import conv2d, max_pool2d
 
-from handbench.memory import keep_freed_memory
 from handbench.metrics import Looks, Metric, Pair, metric, scores
 from handbench.metrics.networks import SCALE, SHIFT, STAGES, network_weights
 from handbench.registry import CAPTURES
 from handbench.scene.colour import srgb
+from handbench.tuning import tune
 
 from .measure import Measurement, summary
 
@@ -42,7 +42,7 @@ def scoring() -> list[Measurement]:
     How much the box saves depends on how much of the picture it is: measured with frames that fill the picture as
     those of the capture do, and with frames of three quarters of its height.
     """
-    keep_freed_memory()  # as a run does
+    tune()  # as a run does
     return [*_scoring("close", 1.0), *_scoring("farther", 0.75)]
 
 

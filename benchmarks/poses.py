@@ -14,7 +14,6 @@ import numpy as np
 import torch
 
 from handbench.data.capture import Capture
-from handbench.memory import keep_freed_memory
 from handbench.method import Avatar, Prior
 from handbench.methods.reflectance.model import PRESETS, ReflectancePrior
 from handbench.methods.urhand.config import configuration
@@ -23,6 +22,7 @@ from handbench.methods.urhand.model import URHandModel
 from handbench.recording import Recording
 from handbench.registry import CAPTURES
 from handbench.scene import FRAME_KINDS, Frame
+from handbench.tuning import tune
 
 from .measure import Measurement, summary
 
@@ -38,7 +38,7 @@ NEW, KNOWN = {"physical": 90.0, "phong": 90.0, "urhand": 180.0}, {"physical": 25
 
 def poses(size: str) -> list[Measurement]:
     """Milliseconds and errors on an openstage capture, generated if missing; weights are not trained."""
-    keep_freed_memory()  # as a run does
+    tune()  # as a run does
     capture = CAPTURES.load("openstage")(size)
     found = []
     for name, (prior, reference) in priors(len(capture.frames()[0].pose.joints)).items():

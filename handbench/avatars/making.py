@@ -25,6 +25,7 @@ from ..recording import Recording
 from ..registry import METHODS
 from ..results.reading import Run, read_run
 from ..scene import Array, Query
+from ..tuning import tune
 from .portrait import Portrait, licence_of
 from .repertoire import Body, Repertoire
 
@@ -130,6 +131,7 @@ def from_capture(
 
 
 def _personalised(prior: Prior, enrolment: Recording, seed: int, told: Steps, label: str) -> Avatar:
+    tune()
     with isolated():
         return prior.personalise(enrolment, seed, told(label))
 

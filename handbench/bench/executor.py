@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any
 
 from ..data.capture import Capture
 from ..errors import InputError
-from ..memory import keep_freed_memory
 from ..method import Method, Progress
 from ..metricspec import MetricSpec
 from ..registry import CAPTURES, METRICS, Entry
 from ..results.origin import Provenance
 from ..results.record import CellRecord
+from ..tuning import tune
 from .opening import open_data, select
 from .plan import Cell, ChangesOf, Plan, make_method, make_plan, method_entries, refusals, with_changes
 from .progress import Steps
@@ -150,7 +150,7 @@ def work(site: Site, cells: Sequence[Cell], told: Steps, overall: Progress) -> D
 
     A cell that crashed before is tried again, once.
     """
-    keep_freed_memory()
+    tune()
     store = site.bench.store
     before = {cell.key: store.cell(cell.key) for cell in cells}
     left, done, computed, pause = list(cells), 0, 0, 0.1

@@ -16,6 +16,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ..tuning import matrix_libraries
+
 _Restore: TypeAlias = Callable[[], None]
 
 
@@ -24,13 +26,13 @@ def isolated(loading: bool = False) -> Iterator[None]:
     """Put back, when the block ends, what code inside it changed of the process.
 
     That is the working directory, environment variables, `sys.path`, standard streams, warning filters, signal
-    handlers, random states, numpy's treatment of floating-point errors, and torch's and jax's global settings. What a
-    block did to other modules (a patched function) stays.
+    handlers, random states, numpy's treatment of floating-point errors, the threads of its matrix products, and
+    torch's and jax's global settings. What a block did to other modules (a patched function) stays.
 
     loading     the block loads a plug-in, which may need the variables and the `sys.path` that it sets: they stay
     """
     with ExitStack() as stack:
-        for saved in (_directory, _python, _signals, _random, _numpy, _torch, _jax):
+        for saved in (_directory, _python, _signals, _random, _numpy, _products, _torch, _jax):
             stack.callback(saved())
         if not loading:
             stack.callback(_environment())
@@ -108,6 +110,19 @@ def _numpy() -> _Restore:
         np.seterr(**errors)
         np.seterrcall(call)
         np.set_printoptions(**printing)
+
+    return restore
+
+
+def _products() -> _Restore:
+    """How many threads multiply matrices. Only where `tune` has said it: to find the libraries takes a while."""
+    libraries = matrix_libraries() if matrix_libraries.cache_info().currsize else ()
+    before = [library.get_num_threads() for library in libraries]
+
+    def restore() -> None:
+        for library, threads in zip(libraries, before, strict=True):
+            if library.get_num_threads() != threads:
+                library.set_num_threads(threads)
 
     return restore
 

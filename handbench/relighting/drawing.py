@@ -23,6 +23,7 @@ from ..errors import InputError, NonFinite, StorageError
 from ..files import read_json, whole, writing
 from ..method import Progress
 from ..scene import Array, Environment, Prediction
+from ..tuning import tune
 from .shots import Shots, Wish
 
 _PLAN = "frames.json"
@@ -84,6 +85,7 @@ def draw(
     frames, `Unsupported` for a light or pose outside a method's abilities, `NonFinite` for a picture that is none, and
     `StorageError` if the folder cannot be written.
     """
+    tune()
     shots = [Shots(portrait, wish) for portrait in portraits]
     counts = [len(each) for each in shots]
     if len(set(counts)) > 1:

@@ -23,6 +23,7 @@ from ..method import PosedAvatar
 from ..relighting.showing import EXPOSED
 from ..scene import Array, Camera, Directional, Environment, Group, Light, Prediction
 from ..scene.colour import eight_bit
+from ..tuning import tune
 
 _MAP = (64, 128)
 """Texels of a map that is turned live: methods reduce it to 16 x 32 or fewer."""
@@ -66,6 +67,7 @@ class Session:
     def __init__(
         self, portraits: Sequence[Portrait], lights: Sequence[NamedLight], size: tuple[int, int], kept: int = KEPT
     ) -> None:
+        tune()
         self.portraits, self.lights, self.size, self.kept = tuple(portraits), tuple(lights), size, kept
         self.postures = [list(portrait.repertoire.postures.values()) for portrait in portraits]
         self._locks = [threading.Lock() for _ in portraits]

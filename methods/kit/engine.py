@@ -18,9 +18,9 @@ import torch
 from torch import Tensor, nn
 
 from handbench.errors import InputError, NonFinite
-from handbench.memory import keep_freed_memory
 from handbench.method import Progress
 from handbench.scene import Array
+from handbench.tuning import tune
 
 from .adam import Adam
 from .checkpoint import Checkpoint
@@ -135,7 +135,7 @@ def fit(name: str, players: Sequence[Player], samples: int, budget: Budget, seed
     the sum of the first player's losses ("loss") and of each term; those of others are called "player term".
     Raises `NonFinite` at the first step whose loss or gradient is not finite: nothing is trained through it.
     """
-    keep_freed_memory()
+    tune()
     optimisers = [_Optimiser(player, budget) for player in players]
     state = _State()
     parts = {

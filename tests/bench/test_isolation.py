@@ -27,6 +27,7 @@ from handbench.hand.fitting.rig import Rig
 from handbench.hand.openhand import create
 from handbench.render.uv.atlas import Atlas
 from handbench.scene import Environment, Light, Mesh, Pose, Topology, Viewpoint, leaves
+from handbench.tuning import matrix_libraries
 
 ROGUE = "toy-lossy"
 
@@ -251,6 +252,7 @@ def _state() -> dict[str, object]:
         "dtype": torch.get_default_dtype(),
         "device": torch.get_default_device(),
         "threads": torch.get_num_threads(),
+        "products": [library.get_num_threads() for library in matrix_libraries()],
         "deterministic": torch.are_deterministic_algorithms_enabled(),
         "precision": torch.get_float32_matmul_precision(),
         "benchmark": torch.backends.cudnn.benchmark,
@@ -273,6 +275,8 @@ def _disturb(_: object = None) -> None:
     torch.set_default_dtype(torch.float64)
     torch.set_default_device("meta")
     torch.set_num_threads(torch.get_num_threads() + 1)
+    for library in matrix_libraries():
+        library.set_num_threads(library.get_num_threads() % 2 + 1)
     torch.use_deterministic_algorithms(True)
     torch.set_float32_matmul_precision("medium")
     torch.backends.cudnn.benchmark = True

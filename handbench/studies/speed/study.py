@@ -20,6 +20,7 @@ from ...errors import Unsupported
 from ...method import Progress, silent
 from ...registry import METHODS
 from ...scene import Array
+from ...tuning import tune
 from . import methods, truth
 from .competitors import Mitsuba, Naive
 from .configurations import known_pose_sweep, new_pose_sweep
@@ -50,6 +51,7 @@ def study(chosen: Sequence[str] | None, quick: bool, command: list[str], steps: 
     for name in names:
         METHODS.entry(name)
     about = provenance(command)
+    tune()
     drawn = [of_scene(scene, quick, steps(f"speed {scene.name}")) for scene in scenes(quick)]
     counted, growth = 0, steps("speed scaling")
 
