@@ -21,6 +21,7 @@ from .errors import Absent, InputError, StorageError, shortened
 JSON_LIMIT = 256 << 20  # bytes
 DEPTH = 64  # tables and lists in one another
 WIDEST = (-(2**63), 2**63 - 1)  # whole numbers that databases and other languages can hold
+LONGEST_KEY = 1000  # characters of the name of a frame
 
 
 def read_bytes(path: Path, limit: int, what: str = "file") -> bytes:

@@ -257,8 +257,11 @@ def scores(metrics: Sequence[Metric], pairs: Iterable[Pair], recent: Recent | No
 
 
 def _copied(pair: Pair) -> Pair:
-    held = {f.name: getattr(pair, f.name) for f in fields(pair)}
-    return replace(pair, **{name: array.copy() for name, array in held.items() if isinstance(array, np.ndarray)})
+    """A pair with arrays of its own; what is drawn only when it is asked for stays as it is."""
+    arrays: dict[str, Any] = {
+        f.name: array.copy() for f in fields(pair) if isinstance(array := getattr(pair, f.name), np.ndarray)
+    }
+    return replace(pair, **arrays)
 
 
 def _drawn(found: Any, what: str) -> NDArray[Any]:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable, Mapping
 from inspect import signature
 from pathlib import Path
 
-from ..errors import BadFrame, HandbenchError, InputError, StorageError, text_of
+from ..errors import BadFrame, HandbenchError, InputError, StorageError, shortened, text_of
+from ..files import LONGEST_KEY
 from ..method import Progress, silent
 from ..recording import PARTS, Need, Part, Recording, offered
 from ..registry import CAPTURES
@@ -19,9 +20,30 @@ def open_capture(
 ) -> Capture:
     """The registered capture of a name at a size, kept in `folder` (None: the user's cache).
 
-    What is missing of it is made; `told` gives a label its progress. Raises `InputError` for an unknown name or size.
+    What is missing of it is made; `told` gives a label its progress. Raises `InputError` for an unknown name or size,
+    and for a plug-in's capture that cannot be opened or gives no frames.
     """
-    return CAPTURES.load(name)(size=size, folder=folder, progress=told(f"capture {name} {size}"))
+    entry = CAPTURES.entry(name)
+    made = entry.load()
+    progress = told(f"capture {name} {size}")
+    if entry.target.startswith("handbench."):
+        capture: Capture = made(size=size, folder=folder, progress=progress)
+        return capture
+    owner = f"plug-in {name!r} at {entry.target!r}"
+    try:
+        found = made(size=size, folder=folder, progress=progress)
+        if not isinstance(found, Capture):
+            raise InputError(f"{owner} makes a {type(found).__name__}, expected a handbench.Capture")
+        frames = found.frames()
+    except HandbenchError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{owner} fails ({type(error).__name__}: {text_of(error)}); mend it") from error
+    if not frames:
+        raise InputError(f"{owner} has no frames at size {size!r}; check where its data are")
+    if odd := next((frame for frame in frames if not isinstance(frame, Frame)), None):
+        raise InputError(f"{owner} has a {type(odd).__name__} among its frames; give a handbench.Frame each")
+    return found
 
 
 def usual_size(name: str) -> str:
@@ -98,9 +120,11 @@ class Capture(ABC):
 
 
 def by_key(frames: Iterable[Frame]) -> Mapping[str, Frame]:
-    """Frames by their keys. Raises `InputError` for a key that comes twice."""
+    """Frames by their keys. Raises `InputError` for a key that comes twice, and for one that is no line of text."""
     found: dict[str, Frame] = {}
     for frame in frames:
+        if not frame.key.isprintable() or len(frame.key) > LONGEST_KEY:
+            raise InputError(f"the capture has a frame {shortened(frame.key)}; give names that a line can show")
         if frame.key in found:
             raise InputError(f"the capture has two frames {frame.key}; name poses, cameras and lightings apart")
         found[frame.key] = frame

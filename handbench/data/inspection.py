@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..errors import BadFrame, InputError
+from ..errors import BadFrame, InputError, shortened
 from ..evenly import evenly
 from ..method import Progress, silent
 from ..scene import Frame, Observation
@@ -28,6 +28,8 @@ def troubles(capture: Capture, progress: Progress = silent, most: int | None = N
     for key, count in Counter(frame.key for frame in frames).items():
         if count > 1:
             yield f"{key}: {count} frames have this key; name poses, cameras and lightings apart"
+        if not key.isprintable():
+            yield f"{shortened(key)}: give names that a line can show"
     if most is not None:
         frames = tuple(evenly(frames, most))
     for frame in {frame.pose_key: frame for frame in reversed(frames)}.values():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from ..files import LONGEST_KEY
 from .schema import Rule
 
 
@@ -12,7 +13,7 @@ def _names_a_file(text: str) -> bool:
 
 
 Name = Annotated[str, Rule("a name that a file can have", _names_a_file)]
-Key = Annotated[str, Rule("a line", lambda text: text.isprintable() and 0 < len(text) <= 1000)]
+Key = Annotated[str, Rule("a line", lambda text: text.isprintable() and 0 < len(text) <= LONGEST_KEY)]
 Count = Annotated[int, Rule("0 or more", lambda value: value >= 0)]
 Duration = Annotated[float, Rule("a time from 0 to 1e12", lambda value: 0.0 <= value <= 1e12)]
 Amount = Annotated[float, Rule("from 0 to 1e15", lambda value: 0.0 <= value <= 1e15)]

@@ -40,7 +40,8 @@ def mean_texture(enrolment: Recording, size: int) -> MeanTexture:
     found = averaged(_projected(enrolment, frames, atlas))
     if not found.seen.any():
         raise Unsupported(
-            f"no camera of the enrolment of {enrolment.subjects[0]} sees the tracked mesh; check its units"
+            f"no camera of the enrolment of {enrolment.subjects[0]} sees the tracked mesh; check its units "
+            "and the winding of its faces (handbench data check)"
         )
     mean = torch.from_numpy(found.colour).float()
     return MeanTexture(_fill(mean, found.seen, atlas), atlas.scatter(torch.from_numpy(found.seen)))
