@@ -28,7 +28,7 @@ def small(chosen: PalmSettings) -> PalmSettings:
     prior, fit, drawing = chosen.prior, chosen.fit, chosen.drawing
     prior = replace(
         prior,
-        spacing=1.2e-2,
+        spacing=1.6e-2,
         levels=3,
         table=8,
         finest=40.0,
@@ -45,9 +45,9 @@ def small(chosen: PalmSettings) -> PalmSettings:
         scattered=8,
         gaussians=4,
     )
-    fit = replace(fit, steps=3, rays=12, patch=8, side=48, samples=8, components=2, rebuild=2)
+    fit = replace(fit, steps=2, rays=12, patch=8, side=48, samples=8, components=2, rebuild=1)
     gathering = replace(drawing.gathering, directions=4)
-    return PalmSettings(prior, fit, replace(drawing, scatter=1, spacing=1.2e-2, supersample=1, gathering=gathering))
+    return PalmSettings(prior, fit, replace(drawing, scatter=1, spacing=1.6e-2, supersample=1, gathering=gathering))
 
 
 @pytest.fixture(scope="module")

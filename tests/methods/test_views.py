@@ -36,7 +36,8 @@ def everything(mini: Capture) -> Recording:
 
 @pytest.fixture(scope="module")
 def grouped(everything: Recording) -> Recording:
-    return everything.of_kind("group", "full")
+    """Groups and fully lit frames from one side."""
+    return everything.of_kind("group", "full").where(lambda frame: frame.camera.name == "dorsal")
 
 
 def nearby(frame: Frame, distance: float = 0.6) -> Point:

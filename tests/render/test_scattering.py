@@ -93,7 +93,7 @@ def test_what_escapes_is_the_profile_beyond_a_radius() -> None:
 @pytest.mark.parametrize("specular", [0.0, 0.42])
 def test_a_white_hand_under_an_even_sky_returns_what_it_receives(specular: float) -> None:
     hand = OpenHand.load()
-    mesh = hand.mesh(hand.sample_identity(np.random.default_rng(0)), named_pose("rest"), 2)
+    mesh = hand.mesh(hand.sample_identity(np.random.default_rng(0)), named_pose("rest"), 1)
     K = np.array([[200.0, 0, 24], [0, 200.0, 32], [0, 0, 1]])
     camera = Camera("dorsal", 48, 64, K, np.array([[-1.0, 0, 0, 0], [0, -1, 0, 0.07], [0, 0, 1, 1.0]]))
     surface = even(mesh, np.ones(3), SKIN, specular)
