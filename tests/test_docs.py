@@ -56,7 +56,13 @@ def test_the_reference_has_every_verb_and_every_preset():
     assert "| `lpips-vgg` |" in pages.names()
 
 
-@pytest.mark.parametrize("path", DOCS, ids=lambda path: path.name)
+def test_the_readme_names_every_verb():
+    (verbs,) = (action.choices for action in parser()._actions if hasattr(action, "choices") and action.choices)
+    text = (ROOT / "README.md").read_text()
+    assert [verb for verb in verbs if f"handbench {verb}" not in text and f"`{verb}`" not in text] == []
+
+
+@pytest.mark.parametrize("path", [*DOCS, ROOT / "README.md", ROOT / "CONTRIBUTING.md"], ids=lambda path: path.name)
 def test_commands_in_the_documentation_are_commands(path):
     """Every `handbench …` in code can be parsed: no flag is made up, none is forgotten after a change."""
     text = path.read_text(encoding="utf-8")
