@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import assert_never
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ..evenly import evenly
 from ..hand import hand_model, hand_of
 from ..render.see.posedmesh import PosedMesh
 from ..render.see.raster import Raster
-from ..scene import Array, Directional, Frame, Point, Topology, Uncalibrated, leaves
+from ..scene import Array, Directional, Environment, Frame, Point, Topology, Uncalibrated, Unknown, leaves
 from .capture import Capture, read
 from .folder.capture import Folder
 from .overlap import ADDED, NOT_ADDED, POOR, doubt_of_overlap, look, overlap_of
@@ -166,11 +167,16 @@ def _explains(frame: Frame, normal: Array, bright: Array, centre: Array, flip: t
     """Correlation of what is seen with the diffuse shading of a frame's lights, their directions flipped."""
     shading = np.zeros(len(normal))
     for light in leaves(frame.light):
-        if isinstance(light, Directional):
-            shading += np.maximum(normal @ (light.direction * flip), 0) * light.irradiance.mean()
-        elif isinstance(light, Point):
-            away = (light.position - centre) * flip
-            shading += np.maximum(normal @ away, 0) / np.linalg.norm(away) ** 3 * light.intensity.mean()
+        match light:
+            case Directional():
+                shading += np.maximum(normal @ (light.direction * flip), 0) * light.irradiance.mean()
+            case Point():
+                away = (light.position - centre) * flip
+                shading += np.maximum(normal @ away, 0) / np.linalg.norm(away) ** 3 * light.intensity.mean()
+            case Environment() | Unknown():  # which come from no one direction
+                pass
+            case _:
+                assert_never(light)
     if not len(bright) or shading.std() == 0 or bright.std() == 0:
         return 0.0
     return float(np.corrcoef(shading, bright)[0, 1])

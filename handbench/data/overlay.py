@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import assert_never
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -14,7 +15,7 @@ from ..hand import hand_model
 from ..hand.handmodel import HandModel
 from ..render.see.posedmesh import PosedMesh
 from ..render.see.raster import Raster
-from ..scene import Array, Camera, Directional, Environment, Frame, Light, Mesh, Point, Uncalibrated, leaves
+from ..scene import Array, Camera, Directional, Environment, Frame, Light, Mesh, Point, Uncalibrated, Unknown, leaves
 from ..scene.colour import eight_bit
 from .capture import Capture, read
 from .overlap import mesh_of
@@ -120,17 +121,20 @@ def _ball(picture: Image.Image, light: Light, camera: Camera, mesh: Mesh | None)
     lit, arrows = np.zeros(x.shape), []
     centre = np.zeros(3) if mesh is None else mesh.vertices.mean(axis=0)
     for each in leaves(light):
-        if isinstance(each, Directional):
-            towards, power = each.direction, float(each.irradiance.mean())
-        elif isinstance(each, Point):
-            away = each.position - centre
-            distance = float(np.linalg.norm(away))
-            towards, power = away / max(distance, 1e-9), float(each.intensity.mean()) / max(distance, 1e-9) ** 2
-        elif isinstance(each, Environment):
-            lit = lit + _under(each, normal)
-            continue
-        else:
-            return
+        match each:
+            case Directional():
+                towards, power = each.direction, float(each.irradiance.mean())
+            case Point():
+                away = each.position - centre
+                distance = float(np.linalg.norm(away))
+                towards, power = away / max(distance, 1e-9), float(each.intensity.mean()) / max(distance, 1e-9) ** 2
+            case Environment():
+                lit = lit + _under(each, normal)
+                continue
+            case Unknown():  # of which no ball can be drawn
+                return
+            case _:
+                assert_never(each)
         lit = lit + power * np.maximum(normal @ towards, 0)
         arrows.append(camera.rotation @ towards)
     shade = eight_bit(lit / max(float(lit[inside].max()), 1e-9))
