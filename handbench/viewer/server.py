@@ -74,6 +74,7 @@ class Server(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     server: Server
     timeout = _WAIT
+    disable_nagle_algorithm = True  # else a picture waits 40 ms until its headers are acknowledged
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "handbench", ""
 

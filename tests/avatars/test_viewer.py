@@ -116,6 +116,21 @@ def test_it_serves_its_own_files_and_pictures(server: Server) -> None:
     assert server.server_address[0] == "127.0.0.1"
 
 
+def test_a_picture_does_not_wait_for_its_headers_to_be_acknowledged(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Headers and picture are two writes: the system would hold the second back for 40 ms."""
+    handler, found = server.RequestHandlerClass, []
+    answer = handler.do_GET  # type: ignore[attr-defined]
+
+    def looked_at(self: Any) -> None:
+        found.append(self.connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+        answer(self)
+
+    monkeypatch.setattr(handler, "do_GET", looked_at)
+    assert asked(server, "/picture?avatar=0")[0] == 200 and found[0] != 0
+
+
 @pytest.mark.parametrize(
     "path",
     ["/../server.py", "/page/index.html", "/etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/viewer.js/"],
