@@ -7,11 +7,11 @@ as long as Python's search path and the folders on it stay as they are.
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import re
 import sys
 from functools import lru_cache
 from importlib.metadata import Distribution, EntryPoint
-from pathlib import Path
 from typing import TypeAlias
 
 SearchPath: TypeAlias = tuple[tuple[str, int, int, int], ...]
@@ -39,7 +39,7 @@ def _search_path() -> SearchPath:
 
 def _stamp(place: str) -> tuple[int, int, int]:
     try:
-        found = Path(place).stat()
+        found = os.stat(place or os.curdir)
     except OSError:
         return (0, 0, 0)
     return found.st_dev, found.st_ino, found.st_mtime_ns

@@ -171,8 +171,8 @@ def _announce(site: Site, shard: Shard | None) -> tuple[str, ...]:
     origin = replace(site.origin, command=shlex.join(_without_shard(site.job.command or sys.argv)))
     now = run_record(site.plan, site.tools.methods, site.tools.metrics, site.bench.selected, origin)
     before = store.run()
-    earlier = before.seeds if before else ()
-    again = replace(site.job, seeds=tuple(dict.fromkeys((*now.seeds, *earlier)))).plan(site.capture)
+    seeds = tuple(dict.fromkeys((*now.seeds, *(before.seeds if before else ()))))
+    again = site.plan if seeds == site.plan.seeds else replace(site.job, seeds=seeds).plan(site.capture)
     found = joined(now, before, store.cell, {cell.key for cell in again.cells})
     store.write_run(found.record)
     from .lightpictures import light_pictures
