@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from handbench.data.capture import Capture
-from handbench.scene import Frame
+from handbench.scene import Frame, Topology
 
 LIGHTING = "env-hall"
 
@@ -47,12 +48,10 @@ def write_folder(
             place.parent.mkdir(parents=True, exist_ok=True)
         save(picture.with_suffix(suffix), seen.image)
         Image.fromarray(np.round(255 * seen.alpha).astype(np.uint8)).save(mask.with_suffix(".png"))
-        uvs, uv_faces = frame.mesh.topology.unwrapped
-        lines = [f"v {x} {y} {z}" for x, y, z in (frame.mesh.vertices @ turn.T / unit).tolist()]
-        lines += [f"vt {u} {v}" for u, v in uvs.tolist()]
-        for face, corners in zip((frame.mesh.topology.faces + 1).tolist(), (uv_faces + 1).tolist(), strict=True):
-            lines.append("f " + " ".join(f"{v}/{t}" for v, t in zip(face, corners, strict=True)))
-        (folder / "meshes" / name).with_suffix(".obj").write_text("\n".join(lines))
+        mesh = (folder / "meshes" / name).with_suffix(".obj")
+        if not mesh.exists():  # another camera sees the same
+            vertices = (frame.mesh.vertices @ turn.T / unit).tolist()
+            mesh.write_text("\n".join(f"v {x} {y} {z}" for x, y, z in vertices) + surface(frame.mesh.topology))
         rotation = (Rotation.from_matrix(turn) * Rotation.from_rotvec(frame.pose.rotation.copy())).as_rotvec()
         np.savez(
             (folder / "poses" / name).with_suffix(".npz"),
@@ -69,6 +68,16 @@ def write_folder(
     ]  # fmt: skip
     (folder / "handbench.toml").write_text("\n".join(lines) + "\n")
     return folder
+
+
+@cache
+def surface(topology: Topology) -> str:
+    """The lines of an OBJ file after its vertices."""
+    uvs, uv_faces = topology.unwrapped
+    lines = [f"\nvt {u} {v}" for u, v in uvs.tolist()]
+    for face, corners in zip((topology.faces + 1).tolist(), (uv_faces + 1).tolist(), strict=True):
+        lines.append("\nf " + " ".join(f"{v}/{t}" for v, t in zip(face, corners, strict=True)))
+    return "".join(lines)
 
 
 def save(path: Path, image: np.ndarray) -> None:

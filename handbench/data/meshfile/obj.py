@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -17,21 +18,23 @@ def parse_obj(content: bytes) -> Mesh:
     uvs: list[list[float]] = []
     polygons: list[list[int]] = []
     unwrapped: list[list[int]] = []
-    for number, line in enumerate(io.BytesIO(content), start=1):  # all of its lines at once take ten times its size
-        kind, *fields = line.decode("utf-8", "replace").split("#", 1)[0].split() or [""]
+    # all of its lines at once take ten times its size
+    for number, line in enumerate(io.TextIOWrapper(io.BytesIO(content), "utf-8", "replace", newline="\n"), start=1):
+        kind, *fields = line.partition("#")[0].split() or [""]
         try:
             if kind == "v":
-                vertices.append([float(value) for value in fields[:3]])
+                vertices.append([*map(float, fields[:3])])
             elif kind == "vt":
-                uvs.append([float(value) for value in fields[:2]])
+                uvs.append([*map(float, fields[:2])])
             elif kind == "f":
-                corners = [field.split("/") for field in fields]
-                if len(corners) < 3:
+                if len(fields) < 3:
                     raise ValueError("a face has fewer than three corners")
-                polygons.append([_index(corner[0], len(vertices)) for corner in corners])
-                if all(len(corner) > 1 and corner[1] for corner in corners):
-                    unwrapped.append([_index(corner[1], len(uvs)) for corner in corners])
-        except (ValueError, IndexError) as error:
+                # as far as all corners have it: of the vertex, of its UV, of its normal
+                of_vertex, *more = zip(*(field.split("/") for field in fields), strict=False)
+                polygons.append(_indices(of_vertex, len(vertices)))
+                if more and all(more[0]):
+                    unwrapped.append(_indices(more[0], len(uvs)))
+        except ValueError as error:
             raise InputError(f"line {number} cannot be read ({error}); it is damaged, export it anew") from error
     if unwrapped and len(unwrapped) != len(polygons):
         raise InputError(f"{len(polygons) - len(unwrapped)} of its {len(polygons)} faces have no UVs; unwrap all of it")
@@ -41,8 +44,8 @@ def parse_obj(content: bytes) -> Mesh:
     return surface(at, triangles(polygons), np.array(uvs, np.float64).reshape(-1, 2), triangles(unwrapped))
 
 
-def _index(text: str, count: int) -> int:
-    number = int(text)
-    if number == 0:
+def _indices(texts: Iterable[str], count: int) -> list[int]:
+    numbers = [*map(int, texts)]
+    if 0 in numbers:
         raise ValueError("corners count from 1")
-    return number - 1 if number > 0 else count + number
+    return [number - 1 if number > 0 else count + number for number in numbers]

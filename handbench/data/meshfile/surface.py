@@ -12,6 +12,8 @@ from ...scene import Array, Mesh, Topology
 
 def triangles(polygons: Sequence[Sequence[int]]) -> Array:
     """Polygons, each three corners or more, as fans of triangles (F, 3)."""
+    if {*map(len, polygons)} <= {3}:
+        return np.array(polygons, dtype=np.int64).reshape(-1, 3)
     return np.array(
         [(polygon[0], polygon[k], polygon[k + 1]) for polygon in polygons for k in range(1, len(polygon) - 1)],
         dtype=np.int64,
