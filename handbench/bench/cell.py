@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,20 +32,22 @@ from .resolving import Selected
 from .scoring import SHOWN, Scoring, failed
 from .store import Store
 
+if TYPE_CHECKING:
+    from ..metrics import Metric
+
 CHUNK = 16  # queries drawn, scored and dropped together: bounds memory, keeps metrics batched
 
 
 @dataclass(frozen=True)
 class Bench:
-    """What all cells of a run share. `metrics` maps a signature to a metric, `metrics_module` has `Pair`."""
+    """What all cells of a run share. `metrics` maps a signature to a metric."""
 
     protocol: Protocol
     selected: Selected
     reader: CaptureReader
     store: Store
     priors: Priors
-    metrics: dict[str, Any]
-    metrics_module: ModuleType
+    metrics: dict[str, Metric]
     lender: Lender = field(default_factory=Lender)
 
     def scored(self, subject: str) -> list[tuple[str, Frame]]:
@@ -173,7 +174,7 @@ def _relight(
     twice = repeated(drawable, ask)
     same: bool | None = None
     kept: dict[str, str] = {}
-    scoring = Scoring(bench.reader, bench.metrics, bench.metrics_module, shown)
+    scoring = Scoring(bench.reader, bench.metrics, shown)
     for begin in range(0, len(frames), CHUNK):
         drawn: list[tuple[Frame, Prediction]] = []
         for i, frame in enumerate(frames[begin : begin + CHUNK], start=begin + 1):

@@ -13,8 +13,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..data.capture import Capture
 from ..errors import InputError
@@ -31,6 +30,7 @@ from .protocol import Protocol
 from .store import Store
 
 if TYPE_CHECKING:
+    from ..metrics import Metric
     from .cell import Bench
 
 _LONGEST_PAUSE = 5.0  # seconds between looks at what other processes have done
@@ -72,13 +72,13 @@ class Job:
 
     def make_tools(self) -> Tools:
         """Raises `InputError` for an unknown preset, a broken plug-in and metrics of one signature."""
-        from .. import metrics as module
+        from ..metrics import metric
 
-        metrics = {metric.signature: metric for metric in map(module.metric, self.protocol.metrics)}
+        metrics = {made.signature: made for made in map(metric, self.protocol.metrics)}
         if len(metrics) < len(self.protocol.metrics):
             raise InputError(f"protocol {self.protocol.label}: two metrics have one signature; keep one of them")
         methods = {name: make_method(entry, self.presets[name]) for name, entry in self.entries.items()}
-        return Tools(methods, metrics, module)
+        return Tools(methods, metrics)
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,7 @@ class Tools:
     """Methods by name and metrics by signature, made."""
 
     methods: dict[str, Method]
-    metrics: dict[str, Any]
-    metrics_module: ModuleType
+    metrics: dict[str, Metric]
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ class Site:
         store, tools = self.job.store, self.tools
         selected = select(self.plan.protocol, self.capture)
         reader, priors = CaptureReader(self.capture), Priors(store)
-        return Bench(self.plan.protocol, selected, reader, store, priors, tools.metrics, tools.metrics_module)
+        return Bench(self.plan.protocol, selected, reader, store, priors, tools.metrics)
 
     @cached_property
     def refused(self) -> dict[str, str]:

@@ -23,7 +23,7 @@ def rescored(bench: Bench, cell: Cell, kept: CellRecord) -> CellMeasurement | No
     """
     scored = bench.scored(cell.subject)
     frames = list({frame.key: frame for _, frame in scored}.values())
-    scoring = Scoring(bench.reader, bench.metrics, bench.metrics_module, bench.selected.without_truth)
+    scoring = Scoring(bench.reader, bench.metrics, bench.selected.without_truth)
     reasons = {frame.query: next(filter(None, frame.reasons), None) for frame in kept.scores}
     for frame in frames:
         if frame.key not in kept.predictions:

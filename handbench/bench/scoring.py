@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +16,9 @@ from ..results.oldrecord import NOT_FINITE
 from ..scene import Frame, Prediction
 from .failure import Failure, failure
 from .reader import CaptureReader
+
+if TYPE_CHECKING:
+    from ..metrics import Metric, Pair
 
 SHOWN = "there is no picture of the truth under this map: shown, not scored"
 """Why frames under maps of the user's have no values."""
@@ -30,17 +32,15 @@ class Scoring:
     """
 
     def __init__(
-        self,
-        reader: CaptureReader,
-        metrics: Mapping[str, Any],
-        metrics_module: ModuleType,
-        shown: frozenset[str] = frozenset(),
+        self, reader: CaptureReader, metrics: Mapping[str, Metric], shown: frozenset[str] = frozenset()
     ) -> None:
-        self._reader, self._metrics, self._module, self._shown = reader, metrics, metrics_module, shown
+        from ..metrics import Recent
+
+        self._reader, self._metrics, self._shown = reader, metrics, shown
         self._with_mesh = any("truth_mesh" in metric.needs for metric in metrics.values())
         self._found: dict[str, list[tuple[float | None, str | None]]] = {}
         self._medians: dict[str, float] = {}
-        self._recent = metrics_module.Recent()
+        self._recent = Recent()
         self.trace: str | None = None
         self.seconds = 0.0
 
@@ -51,16 +51,20 @@ class Scoring:
 
     def score(self, drawn: Iterable[tuple[Frame, Prediction]]) -> None:
         """Score pictures. One with NaN or infinity, and a frame that cannot be read, get no value, and the reason."""
+        from ..metrics import scores
+
         start = time.perf_counter()
         sound = [(frame, pair) for frame, picture in drawn if (pair := self._pair(frame, picture)) is not None]
-        rows = self._module.scores(list(self._metrics.values()), [pair for _, pair in sound], self._recent)
+        rows = scores(list(self._metrics.values()), [pair for _, pair in sound], self._recent)
         for (frame, _), row in zip(sound, rows, strict=True):
             self._found[frame.key] = [_value(score.value, score.reason) for score in row]
             self.trace = self.trace or next((score.trace for score in row if score.trace), None)
         self.seconds += time.perf_counter() - start
 
-    def _pair(self, frame: Frame, picture: Prediction) -> Any:
+    def _pair(self, frame: Frame, picture: Prediction) -> Pair | None:
         """Picture and truth for metrics; None if there is nothing to score."""
+        from ..metrics import Pair
+
         bad = int(np.count_nonzero(~np.isfinite(picture.image)) + np.count_nonzero(~np.isfinite(picture.alpha)))
         if bad:
             self.missing(frame, Failure(f"non-finite: {bad} values of the prediction are NaN or infinite", None))
@@ -79,7 +83,7 @@ class Scoring:
             self._medians[frame.key] = median
         mesh = self._reader.surface(frame) if self._with_mesh else None  # the true one may have to be worked out
         try:
-            return self._module.Pair.of(picture, truth, mesh)
+            return Pair.of(picture, truth, mesh)
         except InputError as error:  # of a picture that does not fit its truth, which is its method's fault
             self.missing(frame, failure(error))
             return None
@@ -100,7 +104,7 @@ class Scoring:
         )
 
 
-def failed(metrics: Mapping[str, Any], scored: Iterable[tuple[str, Frame]], why: Failure) -> tuple[ScoredFrame, ...]:
+def failed(metrics: Mapping[str, Metric], scored: Iterable[tuple[str, Frame]], why: Failure) -> tuple[ScoredFrame, ...]:
     """The frames of columns without any value."""
     return tuple(_scored(column, frame, [(None, why.reason)] * len(metrics)) for column, frame in scored)
 

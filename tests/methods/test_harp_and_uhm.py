@@ -13,7 +13,6 @@ import torch
 from othercamera import check_seen_by
 from shadedtracer import Shaded
 
-from handbench import metrics
 from handbench.bench.reader import CaptureReader
 from handbench.bench.scoring import Scoring
 from handbench.data.capture import Capture
@@ -124,7 +123,7 @@ def test_what_the_fit_found_of_the_hand_is_scored_against_the_true_hand(
 ) -> None:
     frames = [frame for frame in wild.frames() if frame.segment == "later"]
     reader = CaptureReader(wild)
-    scoring = Scoring(reader, {"surface-mean": metric("surface-mean")}, metrics)
+    scoring = Scoring(reader, {"surface-mean": metric("surface-mean")})
     scoring.score((frame, avatars[name].relight(asked(frame))) for frame in frames)
     values = [scored.values[0] for scored in scoring.frames([("later", frame) for frame in frames])]
     assert frames[0].mesh is None and all(value is not None and 0.05 < value < 6.0 for value in values), values  # mm

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from types import ModuleType
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ...bench.cell import Bench
 from ...bench.opening import select
@@ -24,6 +23,9 @@ from ...registry import METHODS
 from ...results.reading import read_run
 from ...results.record import CellRecord, MethodRecord, RunRecord
 from ...scene import Frame, Prediction
+
+if TYPE_CHECKING:
+    from ...metrics import Metric, Pair
 
 Tables: TypeAlias = Callable[[Path], Any]
 
@@ -66,23 +68,18 @@ class Evidence:
         return {each.name: plan(each) for each in self.plan.methods if each.name not in self.foreign}
 
     @cached_property
-    def metrics_module(self) -> ModuleType:
-        from ... import metrics
-
-        return metrics
-
-    @cached_property
-    def metrics(self) -> dict[str, Any]:
+    def metrics(self) -> dict[str, Metric]:
         """The run's metrics by signature, made from the signature alone. Raises `InputError` for an unknown one."""
+        from ...metrics import from_signature
+
         named = [metric.signature for metric in self.plan.protocol.metrics]
-        return {signature: self.metrics_module.from_signature(signature) for signature in named}
+        return {signature: from_signature(signature) for signature in named}
 
     @cached_property
     def bench(self) -> Bench:
         """What the run's cells were computed with; its reader and its trainings are the audit's own."""
         reader = CaptureReader(self.capture)
-        shared = (self.store, Priors(self.store), self.metrics, self.metrics_module)
-        return Bench(self.protocol, self.selected, reader, *shared)
+        return Bench(self.protocol, self.selected, reader, self.store, Priors(self.store), self.metrics)
 
     @cached_property
     def table(self) -> Any:
@@ -95,9 +92,11 @@ class Evidence:
         """The picture that a cell kept of a query, in half floats. Raises `InputError` if it is missing or damaged."""
         return self.store.read_prediction(cell, query)
 
-    def pair(self, frame: Frame, picture: Prediction) -> Any:
+    def pair(self, frame: Frame, picture: Prediction) -> Pair:
         """A picture and the truth of its frame, for metrics."""
-        return self.metrics_module.Pair.of(picture, self.bench.reader(frame), frame.mesh)
+        from ...metrics import Pair
+
+        return Pair.of(picture, self.bench.reader(frame), frame.mesh)
 
 
 Check: TypeAlias = Callable[[Evidence], tuple[bool | None, str]]

@@ -168,7 +168,7 @@ def _again(evidence: Evidence, cell: CellRecord, key: str, rng: np.random.Genera
         scores = metric(pairs)
         values = [score.value for score in scores if score.value is not None]
         if len(values) < len(scores):
-            found[signature] = next(score.reason for score in scores if score.value is None)
+            found[signature] = next(score.reason for score in scores if score.reason is not None)
         else:
             found[signature] = _Again(values[0], max(abs(value - values[0]) for value in values[1:]))
     return found

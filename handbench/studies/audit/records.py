@@ -64,11 +64,13 @@ def keys(evidence: Evidence) -> tuple[bool | None, str]:
 
 def signatures(evidence: Evidence) -> tuple[bool, str]:
     """Each metric's signature is one that this version writes, and scores carry no other."""
+    from ...metrics import from_signature
+
     trouble, known = [], []
     for metric in evidence.plan.protocol.metrics:
         known.append(metric.signature)
         try:
-            evidence.metrics_module.from_signature(metric.signature)
+            from_signature(metric.signature)
         except InputError as error:
             trouble.append(str(error))
     for cell in evidence.cells:
