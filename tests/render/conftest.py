@@ -83,19 +83,20 @@ def camera(width=96, height=80, focal=160.0, eye=(0.0, 0.0, 5.0), target=(0.0, 0
     return Camera("test", width, height, K, np.concatenate([rotation, (-rotation @ eye)[:, None]], axis=1))
 
 
+@pytest.fixture(autouse=True)
+def blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fused kernels work in blocks of 64 texels: a kernel takes a second to compile, so tests share one size."""
+    from handbench.render.shade import fused
+
+    monkeypatch.setattr(fused, "_BLOCK", 64)
+
+
 @pytest.fixture
 def fuse(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
-    """Once called, the fused kernel shades whatever there is, in blocks of 64 texels.
+    """Once called, the fused kernel shades whatever there is."""
+    from handbench.render.shade import switch
 
-    A kernel takes a second or more to compile, so tests share one size of blocks.
-    """
-    from handbench.render.shade import fused, switch
-
-    def chosen() -> None:
-        monkeypatch.setattr(switch, "_FUSE", 0)
-        monkeypatch.setattr(fused, "_BLOCK", 64)
-
-    return chosen
+    return lambda: monkeypatch.setattr(switch, "_FUSE", 0)
 
 
 @pytest.fixture(scope="session")

@@ -89,7 +89,6 @@ def test_fused_and_tiled_transfers_agree(scene, seen: str, model: str, monkeypat
     visibility = {"bool": visible, "weights": 0.5 * visible, "none": None}[seen]
     tiled = transfer(*maps, lights.directions, visibility, model)
     monkeypatch.setattr(switch, "_DRAW", 0)
-    monkeypatch.setattr(fused, "_BLOCK", 256)
     fast = transfer(*maps, lights.directions, visibility, model)
     assert fast.shape == tiled.shape and (fast - tiled).abs().max() <= 1e-5 * tiled.abs().max()
 
