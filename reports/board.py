@@ -102,8 +102,11 @@ def write_board(folder: Path, runs: Sequence[Path]) -> Path:
     """Write index.html and a page for each run into a folder, which can be published as it is; returns index.html.
 
     Runs of one protocol version and data stand together, in the order in which they were started. Raises `InputError`
-    for a folder without a readable run and for two runs of one name, `StorageError` if a file cannot be written.
+    for a folder without a readable run, for two runs of one name and for a folder that is one of the runs,
+    `StorageError` if a file cannot be written.
     """
+    if folder.resolve() in [path.resolve() for path in runs]:
+        raise InputError(f"{folder} is one of the runs, which are only read; {_REMEDY}")
     names = [path.resolve().name for path in runs]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"two runs are named {twice[0]!r}, which is the name of their page; rename one of the folders")

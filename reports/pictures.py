@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
+from handbench.errors import InputError
 from handbench.results.record import MetricRecord
 from handbench.scene import Array
 from handbench.scene.colour import srgb
@@ -29,6 +30,7 @@ from .printed import letter, number
 COLOURS = colormaps["inferno"]
 EMBEDDED = 256  # pixels, the greatest side of an embedded picture
 DPI = 160
+_LARGEST = 1 << 27  # pixels of a figure: 512 MiB while it is drawn
 KNEE, STOPS = 0.8, 4.0  # of `beyond_white`
 STYLE: Any = {"font.size": 7.5, "font.family": "DejaVu Sans", "pdf.fonttype": 42}
 MARKED = "#39d0ff"  # the frame of a detail: no colour of a hand or of the error map
@@ -97,8 +99,13 @@ def colour_stops() -> str:
 def saved(figure: Figure, dpi: int = DPI) -> dict[str, bytes]:
     """A figure by kind of file, "png" and "pdf": no dates, so the same figure gives the same bytes.
 
-    In the PDF pictures keep their own pixels, and text is text.
+    In the PDF pictures keep their own pixels, and text is text. Raises `InputError` for more than `_LARGEST` pixels.
     """
+    across, down = (round(inches * dpi) for inches in figure.get_size_inches())
+    if across * down > _LARGEST:
+        raise InputError(
+            f"a figure of {across:,}x{down:,} pixels is too large to draw; give a smaller --dpi or --width"
+        )
     FigureCanvasAgg(figure)
     found = {}
     for kind, undated in (("png", {"Software": None}), ("pdf", {"CreationDate": None})):

@@ -47,6 +47,14 @@ def test_a_board_is_static_files_whose_links_lead_somewhere(tmp_path: Path, caps
     assert "early &amp; &lt;b&gt;" in text
 
 
+def test_a_board_is_not_written_into_a_run(tmp_path: Path) -> None:
+    run = _run(tmp_path / "run", 0.0, 1)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(InputError, match="is one of the runs, which are only read; give another folder"):
+        write_board(tmp_path / "elsewhere" / ".." / "run", [run])
+    assert sorted(tmp_path.rglob("*")) == before
+
+
 def test_a_history_goes_from_the_earliest_run_to_the_latest_with_better_up(tmp_path: Path) -> None:
     folders = [_run(tmp_path / name, gain, day) for name, gain, day in (("a", 0.0, 1), ("b", 2.0, 2), ("c", 1.0, 3))]
     entries = [BoardRun(folder.name, run := read_run(folder), build(run)) for folder in folders]

@@ -68,6 +68,13 @@ def test_without_a_detail_a_figure_is_lower(whole_run):
     assert heights[1] < heights[0] - 30
 
 
+def test_a_figure_that_no_memory_holds_is_refused(whole_run):
+    shown = tuple(panels(read_run(whole_run), [FRAME]))
+    for wanted in (Sheet(dpi=100_000_000), Sheet(width=60.0, dpi=2400)):
+        with pytest.raises(InputError, match=r"a figure of [\d,]+x[\d,]+ pixels is too large to draw; give a smaller"):
+            grid(shown, _metric(whole_run), wanted)
+
+
 def test_a_run_without_the_truth_is_told(run_folder: Path, tmp_path):
     for path in (run_folder / "cells").glob("*.json"):
         if '"oracle"' in path.read_text():
