@@ -12,7 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handbench.reports.build import build
+from handbench.reports.page import PageContent, render_page
+from handbench.reports.pareto import plots
 from handbench.reports.run import Run, read_run
+from handbench.reports.viewer import viewer
 from handbench.results.recordfile import sealed
 from handbench.scene.colour import linear
 
@@ -52,10 +56,11 @@ def address(run: Path, page_of: Callable[[Path], str]) -> str:
 
 
 @pytest.fixture(scope="module")
-def wide_address(many: Run, tmp_path_factory: pytest.TempPathFactory, page_of: Callable[[Run], str]) -> str:
-    """The page of 15 methods in six columns of four metrics, without pictures."""
-    path = tmp_path_factory.mktemp("many") / "page.html"
-    path.write_text(page_of(many), encoding="utf-8")
+def wide_address(many: Run, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The page of 15 methods in six columns of four metrics, without pictures, with the plots that show at first."""
+    path, rows = tmp_path_factory.mktemp("many") / "page.html", build(many)
+    shown = PageContent((), (), plots(rows)[: len(rows.groups)], viewer(many, rows))
+    path.write_text(render_page(rows, many, shown), encoding="utf-8")
     return path.as_uri()
 
 
