@@ -232,13 +232,13 @@ def _write(arguments: argparse.Namespace, tiles: Any, wish: Wish) -> None:
 
 
 def number(text: str) -> float:
-    """A number above 0."""
+    """A number above 0, and no larger than any film is long."""
     try:
         value = float(text)
     except ValueError:
         value = 0.0
     if not 0.0 < value <= 1e5:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number above 0")
+        raise argparse.ArgumentTypeError(f"{text!r} is no number above 0, and at most 100000")
     return value
 
 
