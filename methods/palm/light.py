@@ -1,4 +1,4 @@
-"""Distant light that PALM-Net looks up, samples and learns: a map, or spherical Gaussians."""
+"""Distant light that PALM-Net looks up and samples, a map; and what it learns, spherical Gaussians."""
 
 from __future__ import annotations
 
@@ -10,14 +10,12 @@ import torch
 from torch import Tensor, nn
 
 from handbench.light.environment import solid_angles, texels
-from handbench.light.gaussians import SphericalGaussians, integrals, lobes
+from handbench.light.gaussians import SphericalGaussians, integrals
 from handbench.light.stage import stage_directions
 from handbench.scene import Array, Environment
 
 ENERGY = 0.8 * 2.0 * math.pi
 """Of the light that training starts from, summed over the sphere: the released code's."""
-
-_FLOOR = 1e-4  # least sharpness
 
 
 class LightSampler(Protocol):
@@ -34,41 +32,6 @@ class LightSampler(Protocol):
     def density(self, towards: Tensor) -> Tensor:
         """How likely `draw` gives directions, (N) per steradian."""
         ...
-
-
-class GaussianSampler:
-    """Spherical Gaussians; lobes are drawn by the power of their brightest channel."""
-
-    def __init__(self, gaussians: SphericalGaussians) -> None:
-        self.gaussians = gaussians
-        with torch.no_grad():
-            power = integrals(gaussians.sharpness) * gaussians.amplitude.amax(dim=1)
-            total = power.sum()
-            even = torch.full_like(power, 1.0 / len(power))
-            self._share = power / total if total > 0 else even
-
-    def radiance(self, towards: Tensor) -> Tensor:
-        return self.gaussians.evaluate(towards)
-
-    @torch.no_grad()
-    def draw(self, uniform: Array) -> Tensor:
-        pick, along, around = torch.from_numpy(np.ascontiguousarray(uniform.T)).to(self._share)
-        edges = torch.cumsum(self._share, 0)
-        which = torch.searchsorted(edges, pick.contiguous() * edges[-1], right=True).clamp_max(len(edges) - 1)
-        axis, sharp = self.gaussians.axes[which], self.gaussians.sharpness[which].clamp_min(_FLOOR)
-        # the cosine's distribution is exponential (von Mises and Fisher on the sphere)
-        fall = -torch.expm1(-2.0 * sharp)
-        away = -torch.log1p(-along * fall) / sharp
-        sine = (away * (2.0 - away)).clamp_min(0.0).sqrt()
-        first, second = frame(axis)
-        angle = (2.0 * math.pi * around)[:, None]
-        across = torch.cos(angle) * first + torch.sin(angle) * second
-        return torch.nn.functional.normalize((1.0 - away)[:, None] * axis + sine[:, None] * across, dim=1)
-
-    @torch.no_grad()
-    def density(self, towards: Tensor) -> Tensor:
-        sharp = self.gaussians.sharpness.clamp_min(_FLOOR)
-        return lobes(self.gaussians.axes, sharp, towards) @ (self._share / integrals(sharp))
 
 
 class MapSampler:

@@ -12,15 +12,15 @@ from torch import Tensor
 
 from handbench.errors import InputError
 from handbench.light.environment import directions, solid_angles
-from handbench.light.gaussians import SphericalGaussians
+from handbench.light.gaussians import SphericalGaussians, integrals, lobes
 from handbench.methods.palm.directions import Sampling, gather, strata
-from handbench.methods.palm.light import ENERGY, GaussianSampler, LightSampler, MapSampler, StudioLight
+from handbench.methods.palm.light import ENERGY, LightSampler, MapSampler, StudioLight, frame
 from handbench.methods.palm.reflectance import Form, Material, coloured, responses
 from handbench.methods.palm.scattering import Scattering
 from handbench.methods.palm.shading import dealt, shared
 from handbench.methods.palm.visibility import Occluder
 from handbench.render.shade.brdf import specular
-from handbench.scene import Environment
+from handbench.scene import Array, Environment
 
 TOWARDS = torch.from_numpy(directions(80, 160).reshape(-1, 3)).float()
 SOLID = torch.from_numpy(solid_angles(80, 160).ravel()).float()
@@ -35,6 +35,41 @@ def points(count: int, seed: int = 0) -> tuple[Tensor, Tensor, Material]:
     n, v = (torch.nn.functional.normalize(torch.from_numpy(a).float(), dim=1) for a in (normal, view))
     values = torch.from_numpy(rng.uniform(0.15, 0.9, (count, 5))).float()
     return n, v, Material(values[:, :3], values[:, 3], values[:, 4])
+
+
+class GaussianSampler:
+    """A light without texels: spherical Gaussians, drawn by the power of their brightest channel."""
+
+    def __init__(self, gaussians: SphericalGaussians) -> None:
+        self.gaussians = gaussians
+        with torch.no_grad():
+            power = integrals(gaussians.sharpness) * gaussians.amplitude.amax(dim=1)
+            total = power.sum()
+            even = torch.full_like(power, 1.0 / len(power))
+            self._share = power / total if total > 0 else even
+
+    def radiance(self, towards: Tensor) -> Tensor:
+        return self.gaussians.evaluate(towards)
+
+    @torch.no_grad()
+    def draw(self, uniform: Array) -> Tensor:
+        pick, along, around = torch.from_numpy(np.ascontiguousarray(uniform.T)).to(self._share)
+        edges = torch.cumsum(self._share, 0)
+        which = torch.searchsorted(edges, pick.contiguous() * edges[-1], right=True).clamp_max(len(edges) - 1)
+        axis, sharp = self.gaussians.axes[which], self.gaussians.sharpness[which].clamp_min(1e-4)
+        # the cosine's distribution is exponential (von Mises and Fisher on the sphere)
+        fall = -torch.expm1(-2.0 * sharp)
+        away = -torch.log1p(-along * fall) / sharp
+        sine = (away * (2.0 - away)).clamp_min(0.0).sqrt()
+        first, second = frame(axis)
+        angle = (2.0 * math.pi * around)[:, None]
+        across = torch.cos(angle) * first + torch.sin(angle) * second
+        return torch.nn.functional.normalize((1.0 - away)[:, None] * axis + sine[:, None] * across, dim=1)
+
+    @torch.no_grad()
+    def density(self, towards: Tensor) -> Tensor:
+        sharp = self.gaussians.sharpness.clamp_min(1e-4)
+        return lobes(self.gaussians.axes, sharp, towards) @ (self._share / integrals(sharp))
 
 
 def sky(kind: str) -> LightSampler:
