@@ -21,25 +21,25 @@ from .resolving import Selected
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class _Lent:
     """A copy that was handed over, and what tells whether it is still what it was.
 
-    original    the array that it is a copy of; the digest of one that is not kept; or the fields of a dataclass
+    original    the array that it is a copy of; the digest of one that is not kept; or what a dataclass holds
     owner       what it belongs to
     where       the first frame that has it
     """
 
-    original: Array | str | dict[str, Any]
+    original: Array | str | tuple[Any, ...]
     copy: Any
     owner: str
     where: str
 
     @property
     def changed(self) -> bool:
-        if isinstance(self.original, dict):
-            now = vars(self.copy)
-            return any(now.get(name, self) is not item for name, item in self.original.items())
+        if isinstance(self.original, tuple):
+            now = tuple(vars(self.copy).values())  # what was worked out of it since, or read late, comes last
+            return len(now) < len(self.original) or any(a is not b for a, b in zip(now, self.original, strict=False))
         if isinstance(self.original, str):
             return _digest(self.copy) != self.original
         return not np.array_equal(self.original, self.copy)
@@ -148,7 +148,7 @@ class _Copier:
             # of `Pose.unread` and `Mesh.unread`
             own = self._later(item, where, named) if name == "_read" else self.of(item, where, named)
             object.__setattr__(twin, name, own)
-        self.lent.append(_Lent(dict(vars(twin)), twin, named, where))
+        self.lent.append(_Lent(tuple(vars(twin).values()), twin, named, where))
         return twin
 
     def _later(self, read: Callable[[], Any], where: str, owner: str) -> Callable[[], Any]:
