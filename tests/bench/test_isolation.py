@@ -239,6 +239,7 @@ def test_answers_drawn_into_one_array_are_told_apart(fakes, toy_protocol, tmp_pa
 
 
 def _state() -> dict[str, object]:
+    libraries = matrix_libraries()  # first: finding them loads threadpoolctl, which sets a variable
     return {
         "directory": Path.cwd(),
         "variables": dict(os.environ),
@@ -252,7 +253,7 @@ def _state() -> dict[str, object]:
         "dtype": torch.get_default_dtype(),
         "device": torch.get_default_device(),
         "threads": torch.get_num_threads(),
-        "products": [library.get_num_threads() for library in matrix_libraries()],
+        "products": [library.get_num_threads() for library in libraries],
         "deterministic": torch.are_deterministic_algorithms_enabled(),
         "precision": torch.get_float32_matmul_precision(),
         "benchmark": torch.backends.cudnn.benchmark,
