@@ -218,7 +218,8 @@ def test_data_show_tells_how_far_it_is(monkeypatch, capsys, tmp_path):
         progress(3, 3)
         return SimpleNamespace(name="made")
 
-    monkeypatch.setattr(type(CAPTURES), "load", lambda self, name: source)
+    entry = SimpleNamespace(target="handbench.data:toy", load=lambda: source)
+    monkeypatch.setattr(type(CAPTURES), "entry", lambda self, name: entry)
     monkeypatch.setattr("handbench.data.contactsheet.summary", lambda capture: "summary")
     monkeypatch.setattr("handbench.data.contactsheet.write_contact_sheet", lambda capture, path: None)
     assert main(["data", "show", "toy", "--out", str(tmp_path / "a.png")]) == 0
