@@ -76,6 +76,13 @@ def text_of(error: BaseException) -> str:
     return " ".join(text.encode("utf-8", "backslashreplace").decode().split())
 
 
+def trace_of(error: BaseException) -> str:
+    """The traceback of an exception as a text that can be kept in a file."""
+    import traceback
+
+    return "".join(traceback.format_exception(error)).encode("utf-8", "backslashreplace").decode()
+
+
 def shortened(value: object) -> str:
     """A value as it is written in a sentence, in some 60 characters at most, whatever it is."""
     if isinstance(value, int) and value.bit_length() > 200:

@@ -12,7 +12,7 @@ _MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1  # of mallopt(3)
 
 
 def tune() -> None:
-    """Set this process up for training and drawing; no result changes by it. It is not undone.
+    """Set this process up for training and drawing; pictures stay the same to the bit. It is not undone.
 
     glibc keeps freed arrays of up to 32 MB for the next: else every large one is paged in anew, which was 3 ms of a
     training step of 58 ms, and half of the time of the sRGB curve.

@@ -8,7 +8,6 @@ signature   "psnr|region:box|space:srgb|scale:rgb|mask:alpha>0.5|peak:1|cap:100|
 from __future__ import annotations
 
 import math
-import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from handbench.errors import InputError, NonFinite, Unsupported, text_of, unknown_name
+from handbench.errors import InputError, NonFinite, Unsupported, text_of, trace_of, unknown_name
 from handbench.metricspec import MetricSpec
 from handbench.registry import METRICS
 
@@ -238,8 +237,8 @@ class Metric:
         except (Exception, SystemExit) as error:
             if ours or isinstance(error, MemoryError):
                 raise
-            trace = "".join(traceback.format_exception(error)).encode("utf-8", "backslashreplace").decode()
-            return Score(None, f"the metric crashed: {type(error).__name__}: {text_of(error)}"[:300], trace)
+            reason = f"the metric crashed: {type(error).__name__}: {text_of(error)}"[:300]
+            return Score(None, reason, trace_of(error))
         return Score(value) if math.isfinite(value) else Score(None, f"{self.family.title} is {value}")
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import traceback
 from dataclasses import dataclass
 
-from ..errors import BadFrame, Changed, HandbenchError, NonFinite, Unsupported, text_of
+from ..errors import BadFrame, Changed, HandbenchError, NonFinite, Unsupported, text_of, trace_of
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ def failure(error: BaseException) -> Failure:
         return Failure(f"unsupported: {text}", None)
     if isinstance(error, NonFinite):
         return Failure(f"non-finite: {text}", None)
-    trace = "".join(traceback.format_exception(error)).encode("utf-8", "backslashreplace").decode()
+    trace = trace_of(error)
     if isinstance(error, MemoryError) or "out of memory" in text or "not enough memory" in text:
         return Failure("out of memory", trace)
     if isinstance(error, BadFrame):
