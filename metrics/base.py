@@ -237,8 +237,8 @@ class Metric:
         except (Exception, SystemExit) as error:
             if ours or isinstance(error, MemoryError):
                 raise
-            reason = f"the metric crashed: {type(error).__name__}: {text_of(error)}"[:300]
-            return Score(None, reason, trace_of(error))
+            crash = f"the metric crashed: {type(error).__name__}: {text_of(error)}"[:300]
+            return Score(None, crash, trace_of(error))
         return Score(value) if math.isfinite(value) else Score(None, f"{self.family.title} is {value}")
 
 
